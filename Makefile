@@ -1,0 +1,35 @@
+# Every target sets up .venv by itself; nothing else is needed on a fresh machine but Python >= 3.11.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.installed
+
+.PHONY: demo test check bench format clean
+.DEFAULT_GOAL := demo
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m stereocalib_core.warmup
+	@touch $@
+
+demo: $(READY)  ## the app on the embedded synthetic drive
+	$(BIN)/stereocalib demo $(ARGS)
+
+test: $(READY)  ## every test; browser tests need a Chromium or Chrome on the machine
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(READY)  ## format, lint, types
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same run
+	$(BIN)/python -m stereocalib_core.bench $(ARGS)
+
+format: $(READY)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,120 @@
+"""What the front end keeps of each frame: small, immutable, and all that the back end ever sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.errors import Failure
+from stereocalib_core.geometry import Extrinsics
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number of one stage against its limit, for whoever asks why a frame failed.
+
+    `low` and `high` are the limits, None = unbounded; `unit` is for display.
+    """
+
+    stage: str
+    name: str
+    value: float
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the value is a number within its limits."""
+        above = self.low is None or self.value >= self.low
+        below = self.high is None or self.value <= self.high
+        return bool(np.isfinite(self.value)) and above and below
+
+
+@dataclass(frozen=True)
+class RoadEstimate:
+    """The road as one stereo pair shows it.
+
+    extrinsics: height, pitch, roll (yaw is 0: one pair cannot show it).
+    covariance: (3, 3) of height [m], pitch [rad], roll [rad].
+    inliers: pixels (or v-disparity cells) that agree with the plane.
+    free_fraction: free pixels / pixels below the horizon, 0...1.
+    range_m: nearest and farthest road distance used.
+    """
+
+    extrinsics: Extrinsics
+    covariance: NDArray[np.float64]
+    inliers: int
+    free_fraction: float
+    range_m: tuple[float, float]
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """(3,) standard deviations of height [m], pitch [rad], roll [rad]."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class RectificationSample:
+    """What one pair says of its own rectification, by the rows of left and right matches.
+
+    values: (3,) row offset [px], relative pitch [rad], relative roll [rad] of the right camera.
+    covariance: (3, 3). matches: how many left-right matches were used.
+    """
+
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    matches: int
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Points seen in two consecutive stereo pairs, independent of every correction setting.
+
+    points: (N, 6) float32: u, v, disparity in the previous pair, then u, v, disparity in this one [px];
+        disparities are geometric (offset removed), NaN where the left-right match was lost.
+    on_road: (N,) bool, True for points of the measured road, False for points above it.
+    previous: index of the previous frame of the pair.
+    """
+
+    points: NDArray[np.float32]
+    on_road: NDArray[np.bool_]
+    previous: int
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """One frame through the front end. `road` is None exactly when `failure` is not."""
+
+    frame: int
+    timestamp_s: float
+    road: RoadEstimate | None
+    failure: Failure | None = None
+    free_fraction: float | None = None
+    inliers: int | None = None
+    rectification: RectificationSample | None = None
+    tracks: Tracks | None = None
+    checks: tuple[Check, ...] = ()
+    timing_ms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def ok(self) -> bool:
+        """Whether the pair shows the road."""
+        return self.road is not None
+
+    @property
+    def status(self) -> str:
+        """`ok` or `failed`."""
+        return "ok" if self.ok else "failed"
+
+    @property
+    def reason(self) -> str:
+        """The failure's name, or empty."""
+        return "" if self.failure is None else str(self.failure.reason)
