@@ -1,0 +1,1 @@
+"""The viser app and the command line. No maths here."""

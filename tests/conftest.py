@@ -1,0 +1,55 @@
+"""Shared fixtures: where the real recordings are, and what to do without them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parents[1]
+BROWSER_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+def _skip_or_fail(reason: str, requirement: str) -> None:
+    if os.environ.get(requirement) == "1":
+        pytest.fail(f"{requirement}=1 but {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real recordings; skips (or fails under STEREOCALIB_REQUIRE_DATA=1) without it."""
+    folder = Path(os.environ.get("STEREOCALIB_DATA", REPO.parent / "shared" / "data"))
+    if not folder.is_dir():
+        _skip_or_fail(f"no recordings at {folder}: set STEREOCALIB_DATA", "STEREOCALIB_REQUIRE_DATA")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def kitti_06(data_dir: Path) -> Path:
+    return data_dir / "kitti_odometry" / "sequences" / "06"
+
+
+@pytest.fixture(scope="session")
+def kitti_03(data_dir: Path) -> Path:
+    return data_dir / "kitti_odometry" / "sequences" / "03"
+
+
+@pytest.fixture(scope="session")
+def kitti_raw_0009(data_dir: Path) -> Path:
+    return data_dir / "kitti_raw" / "2011_09_26" / "2011_09_26_drive_0009_sync"
+
+
+@pytest.fixture(scope="session")
+def chromium_path() -> str:
+    """A Chromium or Chrome on this machine; skips (or fails under STEREOCALIB_REQUIRE_BROWSER=1) without one."""
+    override = os.environ.get("STEREOCALIB_CHROMIUM")
+    path = override or next((found for name in BROWSER_NAMES if (found := shutil.which(name))), None)
+    if path is None:
+        _skip_or_fail(
+            "no Chromium or Chrome found: install one (Debian: apt-get install chromium) or set STEREOCALIB_CHROMIUM",
+            "STEREOCALIB_REQUIRE_BROWSER",
+        )
+    return str(path)
