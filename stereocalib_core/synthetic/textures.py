@@ -1,0 +1,150 @@
+"""Mip-mapped grey textures in one flat array, and their anisotropic sampling.
+
+A texture is a continuous function of its coordinates; both cameras sample the same function with nearly the
+same footprint, so that left and right agree to a small fraction of a pixel and nothing shimmers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+MAX_LEVELS = 18
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """All textures with all their levels.
+
+    texels: (T,) uint8, every level of every texture, row by row.
+    table: (N, MAX_LEVELS, 3) int64: offset, log2 width, log2 height of each level.
+    levels: (N,) int64 number of levels.
+    """
+
+    texels: NDArray[np.uint8]
+    table: NDArray[np.int64]
+    levels: NDArray[np.int64]
+
+
+def build_atlas(textures: Sequence[NDArray[np.uint8]]) -> Atlas:
+    """Textures (h, w) uint8, sides powers of two, to an atlas with box-filtered levels down to one texel."""
+    table = np.zeros((len(textures), MAX_LEVELS, 3), np.int64)
+    levels = np.zeros(len(textures), np.int64)
+    parts: list[NDArray[np.uint8]] = []
+    offset = 0
+    for k, texture in enumerate(textures):
+        level = texture
+        while True:
+            height, width = level.shape
+            table[k, levels[k]] = offset, width.bit_length() - 1, height.bit_length() - 1
+            levels[k] += 1
+            parts.append(level.ravel())
+            offset += level.size
+            if width == 1 and height == 1:
+                break
+            level = halve(level)
+    return Atlas(np.concatenate(parts), table, levels)
+
+
+def halve(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w) uint8 to half size in every side longer than one texel, box filter, rounded."""
+    if image.shape[0] > 1 and image.shape[1] > 1:
+        quads = image.astype(np.uint16)
+        total = quads[0::2, 0::2] + quads[0::2, 1::2]
+        total += quads[1::2, 0::2]
+        total += quads[1::2, 1::2]
+        return ((total + 2) >> 2).astype(np.uint8)
+    pairs = image.astype(np.uint16).reshape(-1, 2)
+    half = ((pairs[:, 0] + pairs[:, 1] + 1) >> 1).astype(np.uint8)
+    return half[:, None] if image.shape[1] == 1 else half[None, :]
+
+
+def tileable_noise(
+    size: tuple[int, int], octaves: Sequence[tuple[float, float]], rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """(h, w) float32 periodic noise of zero mean: the sum of band-limited octaves.
+
+    `octaves`: (wavelength in texels, standard deviation) each.
+    """
+    height, width = size
+    fy = np.fft.fftfreq(height)[:, None]
+    fx = np.fft.rfftfreq(width)[None, :]
+    radius = np.hypot(fy, fx)
+    total = np.zeros(size, np.float64)
+    for wavelength, sigma in octaves:
+        white = np.fft.rfft2(rng.standard_normal(size))
+        ratio = np.log2(np.maximum(radius, 1e-9) * wavelength)
+        band = np.fft.irfft2(white * np.exp(-0.5 * (ratio / 0.6) ** 2), s=size)
+        total += band * (sigma / max(float(band.std()), 1e-12))
+    return total.astype(np.float32)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def bilinear(texels, offset, log_w, log_h, u, v):  # type: ignore[no-untyped-def]
+    """Grey level at u, v [texels of this level, centres at half-integers], repeating."""
+    u -= 0.5
+    v -= 0.5
+    fu = math.floor(u)
+    fv = math.floor(v)
+    a = u - fu
+    b = v - fv
+    mask_w = (1 << log_w) - 1
+    mask_h = (1 << log_h) - 1
+    x0 = int(fu) & mask_w
+    x1 = (x0 + 1) & mask_w
+    y0 = offset + ((int(fv) & mask_h) << log_w)
+    y1 = offset + (((int(fv) + 1) & mask_h) << log_w)
+    top = texels[y0 + x0] * (1.0 - a) + texels[y0 + x1] * a
+    bottom = texels[y1 + x0] * (1.0 - a) + texels[y1 + x1] * a
+    return top * (1.0 - b) + bottom * b
+
+
+@njit(cache=True, nogil=True)
+def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type: ignore[no-untyped-def]
+    """Filtered grey level of texture `tex` at u, v [texels of level 0].
+
+    (ux, vx) and (uy, vy) are the steps of u, v over one pixel of the image in x and in y. Up to `max_taps`
+    trilinear taps lie along the longer axis of that footprint.
+    """
+    x2 = ux * ux + vx * vx
+    y2 = uy * uy + vy * vy
+    if x2 > y2:
+        major2, minor2, au, av = x2, y2, ux, vx
+    else:
+        major2, minor2, au, av = y2, x2, uy, vy
+    # the true minor axis of the footprint parallelogram: area over major axis
+    if major2 > 0.0:
+        area = ux * vy - uy * vx
+        minor2 = min(minor2, area * area / major2)
+    taps = 1
+    if major2 > minor2 * 1.21:
+        ratio = math.sqrt(major2 / max(minor2, 1e-12))
+        taps = min(int(ratio + 0.999), max_taps)
+    size2 = max(major2 / (taps * taps), minor2, 1e-12)
+    lod = 0.5 * math.log2(size2) if size2 > 1.0 else 0.0
+    top = levels[tex] - 1
+    if lod >= top:
+        lod = top - 1e-6
+    low = int(lod)
+    blend = lod - low
+    o0, w0, h0 = table[tex, low, 0], table[tex, low, 1], table[tex, low, 2]
+    o1, w1, h1 = table[tex, low + 1, 0], table[tex, low + 1, 1], table[tex, low + 1, 2]
+    su0 = 1.0 / (1 << (table[tex, 0, 1] - w0))
+    sv0 = 1.0 / (1 << (table[tex, 0, 2] - h0))
+    su1 = 1.0 / (1 << (table[tex, 0, 1] - w1))
+    sv1 = 1.0 / (1 << (table[tex, 0, 2] - h1))
+    total = 0.0
+    for k in range(taps):
+        shift = (k + 0.5) / taps - 0.5
+        pu = u + shift * au
+        pv = v + shift * av
+        value = bilinear(texels, o0, w0, h0, pu * su0, pv * sv0)
+        if blend > 0.02:
+            value += blend * (bilinear(texels, o1, w1, h1, pu * su1, pv * sv1) - value)
+        total += value
+    return total / taps
