@@ -1,0 +1,205 @@
+"""Which left picture belongs to which right one, and which line of a list to which: always by name."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.errors import Failure, FailureReason, SourceError
+from stereocalib_core.frames import StereoFrame
+from stereocalib_core.sources.images import PICTURE_SUFFIXES, PictureFormat, read_side
+
+MAX_FRAMES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The frames of a recording in order.
+
+    stems: file name without suffix, one per frame. rows: the line of times, poses and other lists that
+    belongs to each frame. left, right: the picture, None where it is missing.
+    """
+
+    stems: tuple[str, ...]
+    rows: tuple[int, ...]
+    left: tuple[Path | None, ...]
+    right: tuple[Path | None, ...]
+    notices: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.stems)
+
+    def present(self) -> list[Path]:
+        """Every left and right picture there is, left ones first."""
+        return [path for side in (self.left, self.right) for path in side if path is not None]
+
+
+def pictures_in(folder: Path) -> dict[str, Path]:
+    """Picture files of a folder by their name without suffix, hidden files left out."""
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return {}
+    names = (e.name for e in entries if not e.name.startswith(".") and e.is_file())
+    return {Path(name).stem: folder / name for name in names if Path(name).suffix.lower() in PICTURE_SUFFIXES}
+
+
+def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
+    """Sort key that puts `frame_10` after `frame_9`."""
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts)
+
+
+def match_pairs(left_folder: Path, right_folder: Path, numbered: bool) -> Pairs:
+    """Left and right pictures of equal name.
+
+    numbered: names are frame numbers as in KITTI, which also number the lines of lists; else pictures and
+        lines are counted through.
+    Pictures without a partner before the first or after the last whole pair are left out, with a notice.
+    Between them, a name that lacks a side, and a number that lacks both, is a frame of its own, so that
+    nothing shifts. Raises SourceError when not one pair is whole.
+    """
+    left, right = pictures_in(left_folder), pictures_in(right_folder)
+    for folder, found in ((left_folder, left), (right_folder, right)):
+        if not found:
+            raise SourceError("no pictures", folder, "expected left and right picture files of equal names")
+    stems = sorted(left.keys() | right.keys(), key=natural_key)
+    whole = [i for i, stem in enumerate(stems) if stem in left and stem in right]
+    if not whole:
+        where = f"{left_folder} and {right_folder}"
+        raise SourceError(
+            "no left picture has a right one of the same name", where, "give both the same names"
+        )
+    used = stems[whole[0] : whole[-1] + 1]
+    rows = list(range(whole[0], whole[-1] + 1))
+    notices = _unused(stems, used, left, right, left_folder, right_folder)
+    if numbered and all(stem.isdecimal() for stem in stems):
+        used, rows = _number_every_frame(used)
+    if len(used) > MAX_FRAMES:
+        raise SourceError(f"{len(used)} frames", left_folder, f"split it, at most {MAX_FRAMES} are read")
+    lone = [stem for stem in used if (stem in left) != (stem in right)]
+    lost = [stem for stem in used if stem not in left and stem not in right]
+    for names, text in ((lone, "lack one side"), (lost, "are missing on both sides")):
+        if names:
+            notices.append(f"{len(names)} pictures inside the list {text}: {_some(names)}")
+    return Pairs(
+        tuple(used), tuple(rows), tuple(map(left.get, used)), tuple(map(right.get, used)), tuple(notices)
+    )
+
+
+def _unused(
+    stems: Sequence[str],
+    used: Sequence[str],
+    left: dict[str, Path],
+    right: dict[str, Path],
+    left_folder: Path,
+    right_folder: Path,
+) -> list[str]:
+    kept = set(used)
+    out = []
+    for found, folder in ((left, left_folder), (right, right_folder)):
+        extra = [stem for stem in stems if stem in found and stem not in kept]
+        if extra:
+            out.append(
+                f"{len(extra)} pictures of {folder.name} have no partner and are left out: {_some(extra)}"
+            )
+    return out
+
+
+def _number_every_frame(stems: Sequence[str]) -> tuple[list[str], list[int]]:
+    """Numbered pictures: the numbers in between that have no picture become frames too."""
+    numbers = [int(stem) for stem in stems]
+    if numbers[-1] - numbers[0] > 2 * len(numbers) + 100:
+        return list(stems), list(range(len(stems)))
+    by_number = dict(zip(numbers, stems, strict=True))
+    width = len(stems[0])
+    every = range(numbers[0], numbers[-1] + 1)
+    return [by_number.get(n, f"{n:0{width}d}") for n in every], list(every)
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" ... {names[-1]}" if len(names) > 3 else "")
+
+
+class PairReader:
+    """Reads frame i of matched pairs; the two sides are decoded at the same time."""
+
+    def __init__(self, pairs: Pairs, picture: PictureFormat, timestamps_s: NDArray[np.float64]) -> None:
+        self._pairs, self._picture, self._times = pairs, picture, timestamps_s
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="right-picture")
+
+    def __call__(self, index: int) -> StereoFrame:
+        """The stereo frame; a damaged or missing side becomes its `failure`."""
+        right_job = self._pool.submit(read_side, self._pairs.right[index], self._picture, "right")
+        left = read_side(self._pairs.left[index], self._picture, "left")
+        right = right_job.result()
+        time_s = float(self._times[index])
+        for side in (left, right):
+            if isinstance(side, Failure):
+                return StereoFrame(index, time_s, None, None, side)
+        return StereoFrame(index, time_s, left, right)  # type: ignore[arg-type]
+
+
+def check_usable(pairs: Pairs, picture: PictureFormat, where: Path) -> None:
+    """Refuse a recording none of whose first pairs has the camera's size; one odd picture is no reason."""
+    whole = [i for i in range(len(pairs)) if pairs.left[i] is not None and pairs.right[i] is not None]
+    picks = sorted({whole[int(i)] for i in np.linspace(0, len(whole) - 1, 5).round()})
+    last: Failure | None = None
+    for i in picks:
+        sides = [
+            read_side(path, picture, name)
+            for path, name in ((pairs.left[i], "left"), (pairs.right[i], "right"))
+        ]
+        failure = next((side for side in sides if isinstance(side, Failure)), None)
+        if failure is None:
+            return
+        last = failure
+    if last is not None and last.reason is FailureReason.SIZE_MISMATCH:
+        raise SourceError("pictures do not fit the camera", where, last.detail)
+
+
+def read_table(path: Path, columns: int, what: str, skip: int = 0) -> NDArray[np.float64]:
+    """(N, columns) numbers, one row a line after `skip` lines; raises SourceError that names the line."""
+    try:
+        lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError as error:
+        raise SourceError(f"{what} cannot be read", path, error.strerror or "check the file") from error
+    rows = []
+    for number, line in enumerate(lines[skip:], start=skip + 1):
+        values = parse_numbers(line.replace(",", " ").split())
+        if values is None or len(values) != columns:
+            if line.strip():
+                raise SourceError(f"bad {what}", f"{path}, line {number}", f"expected {columns} numbers")
+            continue
+        rows.append(values)
+    return np.array(rows, dtype=np.float64).reshape(-1, columns)
+
+
+def parse_numbers(words: Iterable[str]) -> list[float] | None:
+    """Words to finite numbers, None where one is none."""
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        return None
+    return values if all(map(math.isfinite, values)) else None
+
+
+def content_key(kind: str, files: Iterable[Path], *parts: object) -> str:
+    """A name for the content: kind, settings, and the name, size and time of change of every file."""
+    digest = hashlib.sha256(repr((kind, *parts)).encode())
+    for path in files:
+        try:
+            status = path.stat()
+            digest.update(f"{path.name} {status.st_size} {status.st_mtime_ns}\n".encode())
+        except OSError:
+            digest.update(f"{path.name} missing\n".encode())
+    return f"{kind}-{digest.hexdigest()[:24]}"

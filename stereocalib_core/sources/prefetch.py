@@ -1,0 +1,32 @@
+"""Reading ahead: the next frames are decoded while the present one is worked on."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from stereocalib_core.frames import FrameSource, StereoFrame
+
+
+def prefetch(source: FrameSource, start: int, stop: int, ahead: int = 4) -> Iterator[StereoFrame]:
+    """Frames start...stop - 1 in order, at most `ahead` of them read in advance by one worker thread.
+
+    Closing the iterator early waits for the frame being read and no other.
+    """
+    pool = ThreadPoolExecutor(1, thread_name_prefix="prefetch")
+    waiting: deque[Future[StereoFrame]] = deque()
+    following = iter(range(start, stop))
+    try:
+        for index in following:
+            waiting.append(pool.submit(source.__getitem__, index))
+            if len(waiting) >= ahead:
+                break
+        while waiting:
+            frame = waiting.popleft().result()
+            index_or_none = next(following, None)
+            if index_or_none is not None:
+                waiting.append(pool.submit(source.__getitem__, index_or_none))
+            yield frame
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,47 @@
+"""Reading small YAML or JSON files that strangers may have written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stereocalib_core.errors import ConfigError, StereoCalibError
+
+MAX_BYTES = 256 * 1024
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Plain values only. Aliases are refused: a few lines of them unfold into billions of values."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.YAMLError(f"aliases are not allowed (line {mark.line + 1})")
+        return super().compose_node(parent, index)
+
+
+def read_yaml(path: Path, what: str = "settings", error: type[StereoCalibError] = ConfigError) -> Any:
+    """The plain values in a YAML or JSON file, None for an empty one.
+
+    Raises `error` in one line when the file is missing, over 256 kB, or neither YAML nor JSON.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise error(f"{what} too large", path, f"at most {MAX_BYTES // 1024} kB are read")
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_PlainLoader)
+    except OSError as reason:
+        raise error(f"{what} cannot be read", path, reason.strerror or "check the path") from reason
+    except (yaml.YAMLError, ValueError, RecursionError) as reason:
+        # ValueError covers broken UTF-8, impossible dates and integers of thousands of digits.
+        text = " ".join(str(reason).split())[:200] or "check its syntax"
+        raise error(f"{what} neither YAML nor JSON", path, text) from reason
+
+
+def read_mapping(path: Path, what: str, error: type[StereoCalibError] = ConfigError) -> dict[str, Any]:
+    """Like `read_yaml`, for a file that must hold `key: value` pairs at its top level."""
+    values = read_yaml(path, what, error)
+    if not isinstance(values, dict):
+        raise error(f"{what} has no keys", path, "write one `key: value` per line")
+    return values
