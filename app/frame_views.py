@@ -1,0 +1,140 @@
+"""The pictures of a frame, made once for every browser and layout and kept in a bounded cache."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app import canvas, palette, render
+from stereocalib_core.frames import FrameSource, StereoFrame
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.road.stages import RoadStages
+
+T = TypeVar("T")
+CLOUD_POINTS = 14_000
+CLOUD_RANGE_M = 45.0
+PICTURE_CACHE_BYTES = 96_000_000
+
+
+class BoundedCache(Generic[T]):
+    """Least recently used values within a budget; a value asked for by several threads is made once."""
+
+    def __init__(self, budget: int, cost: Callable[[T], int]) -> None:
+        self._budget, self._cost = budget, cost
+        self._values: OrderedDict[Hashable, T] = OrderedDict()
+        self._used = 0
+        self._lock = threading.Lock()
+        self._making: dict[Hashable, threading.Event] = {}
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The value of `key`, made by `make` where it is not there."""
+        while True:
+            with self._lock:
+                if key in self._values:
+                    self._values.move_to_end(key)
+                    return self._values[key]
+                event = self._making.get(key)
+                if event is None:
+                    event = self._making[key] = threading.Event()
+                    break
+            event.wait(timeout=30.0)
+        try:
+            value = make()
+            with self._lock:
+                self._values[key] = value
+                self._used += self._cost(value)
+                while self._used > self._budget and len(self._values) > 1:
+                    self._used -= self._cost(self._values.popitem(last=False)[1])
+            return value
+        finally:
+            with self._lock:
+                del self._making[key]
+            event.set()
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+
+@dataclass(frozen=True)
+class FrameStages:
+    """A frame with everything that the method saw in it."""
+
+    frame: StereoFrame
+    stages: RoadStages | None
+
+
+@dataclass(frozen=True)
+class FrameView:
+    """One frame ready to be sent: two JPEG pictures and the coloured cloud in the camera frame [m]."""
+
+    index: int
+    left_jpeg: bytes
+    stages_jpeg: bytes
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+
+
+def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -> tuple[NDArray, NDArray]:
+    """Coloured points of one pair in the camera frame: (N, 3) float32 [m] and (N, 3) uint8."""
+    if stages is None or frame.left is None:
+        return np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
+    values = stages.disparity.values
+    every = max(1, int(np.sqrt(values.size / (1.6 * CLOUD_POINTS))))
+    d = values[::every, ::every]
+    u = stages.disparity.columns_u()[::every][None, :]
+    v = stages.disparity.rows_v()[::every][:, None]
+    good = d > camera.focal_px * camera.baseline_m / CLOUD_RANGE_M
+    points = camera.back_project(*np.broadcast_arrays(u, v, np.where(good, d, 1.0)))[good]
+    grey = cv2.resize(frame.left, values.shape[::-1], interpolation=cv2.INTER_AREA)[::every, ::every]
+    colors = np.repeat(grey[..., None], 3, axis=2)
+    for mask, tint in ((stages.road, palette.ROAD), (stages.obstacles, palette.OBSTACLE)):
+        canvas.blend(colors, mask[::every, ::every], tint, 0.35)
+    if not good.any():
+        return np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
+    return points.astype(np.float32), colors[good]
+
+
+class FrameViews:
+    """Makes and keeps the views of one drive."""
+
+    def __init__(self, source: FrameSource, stages: Callable[[StereoFrame], RoadStages | None]) -> None:
+        self._source, self._make_stages = source, stages
+        self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
+        self._views: BoundedCache[FrameView] = BoundedCache(
+            PICTURE_CACHE_BYTES, lambda v: len(v.left_jpeg) + len(v.stages_jpeg) + v.points.nbytes + v.colors.nbytes
+        )
+
+    def stages(self, index: int) -> FrameStages:
+        """The frame and its stages."""
+
+        def make() -> FrameStages:
+            frame = self._source[index]
+            return FrameStages(frame, self._make_stages(frame))
+
+        return self._stages.get(index, make)
+
+    def get(self, index: int, layout: str, live: Extrinsics | None = None) -> FrameView:
+        """The frame's pictures in a layout; `live` draws a second road with those extrinsics."""
+
+        def make() -> FrameView:
+            seen = self.stages(index)
+            camera = self._source.camera
+            points, colors = cloud(seen.frame, seen.stages, camera)
+            left = render.left_view(seen.frame, seen.stages, camera, live)
+            right = render.stages_view(seen.frame, seen.stages, camera, layout, live)
+            return FrameView(
+                index,
+                canvas.encode_jpeg(left),
+                canvas.encode_jpeg(right),
+                points,
+                colors,
+            )
+
+        return self._views.get((index, layout, live), make)

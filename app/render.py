@@ -1,0 +1,250 @@
+"""Arrays to pictures: the left image with the road drawn on it, and every stage of the method. Pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app import canvas, palette
+from app.canvas import Picture
+from stereocalib_core.frames import StereoFrame
+from stereocalib_core.geometry import (
+    Extrinsics,
+    StereoCamera,
+    horizon,
+    road_profile,
+    road_to_image,
+    vanishing_point_of_travel,
+)
+from stereocalib_core.road.stages import RoadStages
+from stereocalib_core.road.uv_disparity import v_disparity
+
+WIDTH_PX = 960
+"""Width of every composed picture."""
+
+STAGE_NAMES = ("disparity", "u-disparity", "free map", "v-disparity")
+BAND_FACTOR = 10.0
+"""The profile's band is drawn at this many sigma; one sigma is thinner than a pixel."""
+_GRID_Z = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)
+_GRID_X = (-3.5, -1.75, 0.0, 1.75, 3.5)
+
+
+def _scaled(points: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Image points [px] to points of a picture scaled about pixel centres."""
+    return (points + 0.5) * scale - 0.5
+
+
+def _resize(mask: NDArray, width: int, height: int) -> NDArray:
+    flags = cv2.INTER_NEAREST
+    source = mask.astype(np.uint8) if mask.dtype == np.bool_ else mask
+    out = cv2.resize(source, (width, height), interpolation=flags)
+    return out.astype(np.bool_) if mask.dtype == np.bool_ else out
+
+
+def picture_height(camera: StereoCamera, width: int) -> int:
+    """Height of a picture of the camera's shape."""
+    return int(round(camera.height * width / camera.width))
+
+
+def draw_road(
+    picture: Picture, camera: StereoCamera, extrinsics: Extrinsics, color: palette.Rgb, labels: bool
+) -> None:
+    """The road grid, the horizon and the direction of travel on a picture of the camera's shape. In place."""
+    scale = picture.shape[1] / camera.width
+    z_line = np.geomspace(_GRID_Z[0], _GRID_Z[-1], 24)
+    for x in _GRID_X:
+        points = np.stack([np.full_like(z_line, x), np.zeros_like(z_line), z_line], axis=1)
+        line = road_to_image(camera, extrinsics, points)[:, :2]
+        canvas.polyline(picture, _scaled(line, scale), color, 3 if x == 0 else 2)
+    for z in _GRID_Z:
+        ends = road_to_image(camera, extrinsics, np.array([[_GRID_X[0], 0, z], [_GRID_X[-1], 0, z]]))[:, :2]
+        canvas.polyline(picture, _scaled(ends, scale), color, 2)
+        if labels and z in (5.0, 10.0, 20.0):
+            x_px, y_px = _scaled(ends, scale)[1]
+            canvas.put_label(picture, f"{z:g} m", int(x_px) + 8, int(y_px) - 14)
+    slope, row = horizon(camera, extrinsics)
+    u = np.array([0.0, camera.width - 1.0])
+    line = np.stack([u, row + slope * (u - camera.cx_px)], axis=1)
+    canvas.polyline(picture, _scaled(line, scale), palette.HORIZON, 3)
+    u_vp, v_vp = vanishing_point_of_travel(camera, extrinsics)
+    x_px, y_px = _scaled(np.array([u_vp, v_vp]), scale)
+    if 0 <= x_px < picture.shape[1] and 0 <= y_px < picture.shape[0]:
+        cv2.drawMarker(picture, (int(x_px), int(y_px)), palette.HORIZON, cv2.MARKER_CROSS, 22, 3, cv2.LINE_AA)
+
+
+def left_view(
+    frame: StereoFrame,
+    stages: RoadStages | None,
+    camera: StereoCamera,
+    live: Extrinsics | None = None,
+    width: int = WIDTH_PX,
+) -> Picture:
+    """The left image with free map, obstacles, fitted road grid and horizon; `live` adds the corrected road."""
+    height = picture_height(camera, width)
+    legend: list[tuple[str, palette.Rgb]] = [
+        ("road", palette.ROAD),
+        ("free", palette.FREE),
+        ("obstacle", palette.OBSTACLE),
+        ("horizon", palette.HORIZON),
+    ]
+    if frame.left is None:
+        why = frame.failure
+        body = canvas.notice(
+            width, height, "no picture" if why is None else str(why.reason), "" if why is None else why.detail[:80]
+        )
+        return canvas.titled(body, f"Left image · frame {frame.index}")
+    if frame.left.shape != (camera.height, camera.width):
+        height = int(round(frame.left.shape[0] * width / frame.left.shape[1]))
+    grey = cv2.resize(frame.left, (width, height), interpolation=cv2.INTER_AREA)
+    body = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
+    if stages is not None:
+        road = _resize(stages.road, width, height)
+        canvas.blend(body, _resize(stages.free, width, height) & ~road, palette.FREE, 0.22)
+        canvas.blend(body, road, palette.ROAD, 0.34)
+        canvas.blend(body, _resize(stages.obstacles, width, height), palette.OBSTACLE, 0.34)
+    if stages is not None and stages.estimate is not None:
+        draw_road(body, camera, stages.estimate.extrinsics, palette.GRID, labels=True)
+    if live is not None:
+        draw_road(body, camera, live, palette.LIVE, labels=False)
+        legend.append(("live", palette.LIVE))
+    failure = frame.failure if stages is None else stages.failure
+    if failure is not None:
+        canvas.put_label(body, f"failed: {failure.reason} ({failure.detail})"[:90], 8, 8, palette.FAILED, 22)
+    return canvas.titled(body, f"Left image · frame {frame.index}", legend)
+
+
+def disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
+    """Dense disparity; near is bright, nothing measured is dark."""
+    top = 0.6 * stages.bin_px * len(stages.u_disparity)
+    body = canvas.colorize(stages.disparity.values, 0.0, top, "cividis")
+    body = _resize(body, width, height)
+    return canvas.titled(body, "Disparity", note=f"0 to {top:.0f} px, near is bright")
+
+
+def free_map_view(frame: StereoFrame, stages: RoadStages, width: int, height: int) -> Picture:
+    """What is road, what else is free, what stands upright, and what has no disparity."""
+    body = np.full((*stages.free.shape, 3), palette.PAPER, dtype=np.uint8)
+    if frame.left is not None:
+        small = cv2.resize(frame.left, stages.free.shape[::-1], interpolation=cv2.INTER_AREA)
+        body[:] = (small // 3)[..., None]
+    canvas.blend(body, stages.free & ~stages.road, palette.FREE, 0.75)
+    canvas.blend(body, stages.road, palette.ROAD, 0.85)
+    canvas.blend(body, stages.obstacles, palette.OBSTACLE, 0.8)
+    valid = int(np.isfinite(stages.disparity.values).sum())
+    share = 100.0 * float(stages.free.sum()) / max(valid, 1)
+    legend = [("road", palette.ROAD), ("free", palette.FREE), ("obstacle", palette.OBSTACLE)]
+    return canvas.titled(_resize(body, width, height), "Free map", legend, f"{share:.0f} % of valid")
+
+
+def _counts_picture(layers: Sequence[tuple[NDArray, palette.Rgb]]) -> Picture:
+    """Histograms in colours, brightness by log count; the last layer with a count wins its cell."""
+    out = np.full((*layers[0][0].shape, 3), palette.PAPER, dtype=np.float32)
+    for counts, color in layers:
+        hit = counts > 0
+        gain = 0.35 + 0.65 * np.clip(np.log1p(counts[hit]) / np.log1p(24.0), 0, 1)
+        out[hit] = gain[:, None] * np.array(color, dtype=np.float32)
+    return out.astype(np.uint8)
+
+
+def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
+    """Columns against disparity: what stands upright piles up in one cell (orange), the road spreads (blue)."""
+    bins = len(stages.u_disparity)
+    obstacle_values = np.where(stages.obstacles, stages.disparity.values, np.nan)
+    ones = np.isfinite(obstacle_values.T)
+    piles = v_disparity(np.ascontiguousarray(obstacle_values.T), ones, stages.bin_px, bins).T
+    rest = np.maximum(stages.u_disparity - piles, 0)
+    picture = _counts_picture([(rest, palette.FREE), (piles, palette.OBSTACLE)])
+    body = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    legend = [("free", palette.FREE), ("upright", palette.OBSTACLE)]
+    canvas.put_label(body, "far", 4, 2, palette.INK_SOFT, 18)
+    canvas.put_label(body, "near", 4, height - 30, palette.INK_SOFT, 18)
+    return canvas.titled(body, "u-disparity", legend)
+
+
+def v_disparity_view(
+    stages: RoadStages, camera: StereoCamera, width: int, height: int, live: Extrinsics | None = None
+) -> Picture:
+    """Rows against disparity: the road is a line; cells that agree with it are green, other free ones blue."""
+    bins = stages.v_disparity.shape[1]
+    road = v_disparity(stages.disparity.values, stages.road, stages.bin_px, bins)
+    others = np.maximum(stages.v_disparity_whole - stages.v_disparity, 0)
+    rest = np.maximum(stages.v_disparity - road, 0)
+    picture = _counts_picture([(others, palette.OBSTACLE), (rest, palette.FREE), (road, palette.ROAD)])
+    body = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    x_scale = width / (bins * stages.bin_px)
+    y_scale = height / (stages.v_disparity.shape[0] * stages.disparity.step_px)
+    disparity = np.linspace(0.0, bins * stages.bin_px, 64)
+
+    def line(slope: float, intercept: float) -> NDArray[np.float64]:
+        rows = slope * disparity + intercept
+        return np.stack([disparity * x_scale, (rows + 0.5) * y_scale], axis=1)
+
+    if stages.estimate is not None:
+        e, sigma = stages.estimate.extrinsics, BAND_FACTOR * stages.estimate.sigma
+        edges = [
+            line(
+                *road_profile(
+                    camera, Extrinsics(e.height_m + a * sigma[0], e.pitch_rad + b * sigma[1], e.roll_rad)
+                )
+            )
+            for a in (-1, 1)
+            for b in (-1, 1)
+        ]
+        rows = np.stack([edge[:, 1] for edge in edges])
+        outline = np.concatenate(
+            [
+                np.stack([edges[0][:, 0], rows.min(axis=0)], axis=1),
+                np.stack([edges[0][::-1, 0], rows.max(axis=0)[::-1]], axis=1),
+            ]
+        )
+        shade = body.copy()
+        cv2.fillPoly(shade, [np.round(outline * 16).astype(np.int32)], palette.HORIZON, cv2.LINE_AA, shift=4)
+        body = cv2.addWeighted(shade, 0.35, body, 0.65, 0)
+        canvas.polyline(body, line(*road_profile(camera, e)), palette.HORIZON, 2)
+    elif stages.profile is not None:
+        canvas.polyline(body, line(*stages.profile), palette.HORIZON, 2)
+    if live is not None:
+        canvas.polyline(body, line(*road_profile(camera, live)), palette.LIVE, 2)
+    canvas.put_label(body, "far", 4, height - 30, palette.INK_SOFT, 18)
+    canvas.put_label(body, "near", width - 60, height - 30, palette.INK_SOFT, 18)
+    legend = [("road", palette.ROAD), ("profile ±10σ", palette.HORIZON)]
+    return canvas.titled(body, "v-disparity", legend)
+
+
+def stages_view(
+    frame: StereoFrame,
+    stages: RoadStages | None,
+    camera: StereoCamera,
+    layout: str = "all stages",
+    live: Extrinsics | None = None,
+    width: int = WIDTH_PX,
+) -> Picture:
+    """All stages in one picture, or one of STAGE_NAMES large."""
+    height = picture_height(camera, width)
+    if stages is None:
+        why = frame.failure
+        return canvas.notice(width, height, "no stages for this frame", "" if why is None else str(why.reason))
+    if layout == "disparity":
+        return disparity_view(stages, width, height)
+    if layout == "free map":
+        return free_map_view(frame, stages, width, height)
+    if layout == "u-disparity":
+        return u_disparity_view(stages, width, height)
+    if layout == "v-disparity":
+        return v_disparity_view(stages, camera, width, int(width * 0.62), live)
+    left = (width - 12) // 2
+    right = width - 12 - left
+    gap = np.full((height + canvas.BAR_PX, 12, 3), palette.PAPER, dtype=np.uint8)
+    histograms = np.hstack(
+        [u_disparity_view(stages, left, height), gap, v_disparity_view(stages, camera, right, height, live)]
+    )
+    return np.vstack(
+        [
+            disparity_view(stages, width, height),
+            histograms,
+            free_map_view(frame, stages, width, height),
+        ]
+    )

@@ -1,0 +1,144 @@
+"""One drive, opened: its frames go through the front end once, in the background; what is known so far is a snapshot."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frame_views import FrameViews
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.frames import FrameSource, StereoFrame
+from stereocalib_core.pipeline import FrontEnd
+from stereocalib_core.results import FrameResult
+
+LOG = logging.getLogger(__name__)
+FIRST_ANALYSIS_S = 2.0
+"""The whole-drive analysis is first made this long after the start, then at intervals that keep it below a tenth."""
+ANALYSIS_SHARE = 0.1
+
+Analyse = Callable[[Sequence[FrameResult]], Any]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What is known of a drive at some moment; `version` grows with every change.
+
+    results: of frames 0, 1, ... as far as computed. analysis: of the first `analysed` of them, or None.
+    problem: why the computation stopped early, or empty.
+    """
+
+    total: int
+    results: tuple[FrameResult, ...] = ()
+    analysis: Any = None
+    analysed: int = 0
+    done: bool = False
+    problem: str = ""
+    frames_per_second: float = 0.0
+    version: int = 0
+
+    @property
+    def progress(self) -> float:
+        """Share of the frames that are computed, 0...1."""
+        return len(self.results) / max(1, self.total)
+
+    def failures(self) -> NDArray[np.int64]:
+        """Numbers of the failed frames, ascending."""
+        return np.array([r.frame for r in self.results if not r.ok], dtype=np.int64)
+
+    def result(self, frame: int) -> FrameResult | None:
+        """The result of one frame, None where it is not computed yet."""
+        return self.results[frame] if frame < len(self.results) else None
+
+
+class Session:
+    """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable."""
+
+    def __init__(
+        self,
+        source: FrameSource,
+        config: PipelineConfig,
+        *,
+        spec: str = "",
+        analyse: Analyse | None = None,
+        finished: Sequence[FrameResult] = (),
+        rig: Path | None = None,
+    ) -> None:
+        self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
+        self._analyse = analyse
+        self._front_end = FrontEnd(source.camera, config)
+        self._for_display = FrontEnd(source.camera, config)
+        self.views = FrameViews(source, self._for_display.stages)
+        self._snapshot = Snapshot(total=len(source))
+        self._finished = tuple(finished)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="front end", daemon=True)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What is known now."""
+        return self._snapshot
+
+    @property
+    def camera(self) -> Any:
+        """The camera of the source."""
+        return self.source.camera
+
+    def start(self) -> None:
+        """Start computing."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop computing, at the latest after the frame in work."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10.0)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until the drive is computed; whether it is."""
+        self._thread.join(timeout=timeout_s)
+        return self._snapshot.done
+
+    def _publish(self, **changes: Any) -> None:
+        self._snapshot = replace(self._snapshot, version=self._snapshot.version + 1, **changes)
+
+    def _run(self) -> None:
+        started = time.monotonic()
+        results: list[FrameResult] = list(self._finished)
+        next_analysis = started + FIRST_ANALYSIS_S
+        try:
+            for index in range(len(results), len(self.source)):
+                if self._stop.is_set():
+                    return
+                results.append(self._step(self.source[index]))
+                elapsed = max(time.monotonic() - started, 1e-6)
+                rate = (len(results) - len(self._finished)) / elapsed
+                self._publish(results=tuple(results), frames_per_second=rate)
+                if time.monotonic() >= next_analysis:
+                    spent = self._update_analysis(results)
+                    next_analysis = time.monotonic() + max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE)
+            self._publish(results=tuple(results))
+            self._update_analysis(results)
+            self._publish(done=True)
+        except StereoCalibError as error:
+            LOG.warning("%s", error)
+            self._publish(problem=str(error), done=True)
+
+    def _step(self, frame: StereoFrame) -> FrameResult:
+        return self._front_end.step(frame)
+
+    def _update_analysis(self, results: Sequence[FrameResult]) -> float:
+        """Recompute what needs the whole drive; returns the seconds spent."""
+        begin = time.monotonic()
+        if self._analyse is not None and results:
+            analysis = self._analyse(tuple(results))
+            self._publish(analysis=analysis, analysed=len(results))
+        return time.monotonic() - begin
