@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,11 +65,13 @@ class RectificationSample:
 
     values: (3,) row offset [px], relative pitch [rad], relative roll [rad] of the right camera.
     covariance: (3, 3). matches: how many left-right matches were used.
+    keystone_rad: the part of the row offset that grows with u v, as the relative yaw that it would be.
     """
 
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
     matches: int
+    keystone_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,3 +121,57 @@ class FrameResult:
     def reason(self) -> str:
         """The failure's name, or empty."""
         return "" if self.failure is None else str(self.failure.reason)
+
+
+@dataclass(frozen=True)
+class FilteredExtrinsics:
+    """Height, pitch and roll of a drive after the filter.
+
+    values: (N, 3) height [m], pitch, roll [rad], NaN where there is none. covariance: (N, 3, 3).
+    state: per frame `updated`, `predicted` (no measurement in this frame), or `none`.
+    """
+
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    state: tuple[str, ...]
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """(N, 3) standard deviations of height [m], pitch, roll [rad]."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its standard deviation, in the same unit."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What one drive teaches of the rig and the next may start from; None = not known.
+
+    Nominal height and lever arm (rear axle to camera) [m], pitch, roll and yaw [rad].
+    """
+
+    height_m: Measured | None = None
+    pitch_rad: Measured | None = None
+    roll_rad: Measured | None = None
+    yaw_rad: Measured | None = None
+    lever_arm_m: Measured | None = None
+
+
+@dataclass(frozen=True)
+class DriveAnalysis:
+    """What the back end makes of a whole drive.
+
+    report: the blocks of report.json that need the whole drive, by their names there.
+    poses: (N, 4, 4) T_world_camera per frame, variant `autocalibrated`, world = first left camera; or None.
+    """
+
+    report: Mapping[str, Any]
+    filtered: FilteredExtrinsics | None = None
+    poses: NDArray[np.float64] | None = None
+    rig: Rig | None = None
