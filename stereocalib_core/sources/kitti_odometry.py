@@ -14,7 +14,8 @@ from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.sources.images import survey
 from stereocalib_core.sources.lidar_scans import scans_by_number, with_scan
 from stereocalib_core.sources.lists import KITTI_FPS, frame_times, read_ground_truth, read_times
-from stereocalib_core.sources.pairing import PairReader, check_usable, content_key, match_pairs, parse_numbers
+from stereocalib_core.sources.pairing import PairReader, check_usable, content_key, match_pairs
+from stereocalib_core.tables import parse_numbers
 
 
 def is_sequence(folder: Path) -> bool:

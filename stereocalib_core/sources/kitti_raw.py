@@ -26,8 +26,8 @@ from stereocalib_core.sources.pairing import (
     check_usable,
     content_key,
     match_pairs,
-    parse_numbers,
 )
+from stereocalib_core.tables import parse_numbers
 
 CALIB_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
 OXTS_COLUMNS = 30
