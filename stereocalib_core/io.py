@@ -1,6 +1,7 @@
 """The files of a run: extrinsics.csv, trajectory.txt, trajectory.tum, report.json, rig.yaml.
 
-Each is written whole or not at all. The same numbers give the same bytes. An empty cell is a value that does not exist.
+Each is written whole or not at all. The same numbers give the same bytes. An empty cell means that there
+is no value.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from stereocalib_core.results import FilteredExtrinsics, FrameResult, Measured, 
 from stereocalib_core.tables import read_table
 from stereocalib_core.yaml_file import read_mapping
 
-TEXT_COLUMNS = (
+TEXT_COLUMNS = ("status", "reason", "filter_state")
+COLUMNS = (
     *("frame", "timestamp_s", "status", "reason"),
     *("height_m", "pitch_deg", "roll_deg", "height_sigma_m", "pitch_sigma_deg", "roll_sigma_deg"),
     *("height_filtered_m", "pitch_filtered_deg", "roll_filtered_deg"),
@@ -213,7 +215,7 @@ def write_rig(path: Path, rig: Rig) -> None:
 
 
 def read_rig(path: Path) -> Rig:
-    """A rig.yaml: height_m pitch_deg roll_deg yaw_deg lever_arm_m, each null, a number, or value and sigma."""
+    """A rig.yaml: height_m pitch_deg roll_deg yaw_deg lever_arm_m: null, a number, or value and sigma."""
     values = read_mapping(path, "rig file", SourceError)
     unknown = sorted(str(key) for key in values.keys() - _RIG_KEYS.keys())
     if unknown:
