@@ -1,1 +1,13 @@
-"""rig."""
+"""The rig: smoothing, mounting yaw, the pair's self-check, the mount and its shifts."""
+
+from __future__ import annotations
+
+
+def warm_up() -> None:
+    """Compile what this package compiles."""
+    import numpy as np
+
+    from stereocalib_core.rig.row_matches import row_matches
+
+    image = np.random.default_rng(0).integers(0, 255, (96, 160), dtype=np.uint8)
+    row_matches(image, image, -8.0, 16.0)
