@@ -124,6 +124,11 @@ def read_extrinsics_csv(path: Path) -> dict[str, Any]:
 # --- trajectories
 
 
+def timestamps(results: Sequence[FrameResult]) -> NDArray[np.float64]:
+    """(N,) seconds of the frames."""
+    return np.array([result.timestamp_s for result in results], dtype=np.float64)
+
+
 def write_kitti(path: Path, poses: NDArray[np.float64]) -> None:
     """(N, 4, 4) poses as 12 numbers a line."""
     rows = poses[:, :3, :].reshape(-1, 12) + 0.0
