@@ -1,4 +1,4 @@
-"""The `--out` folder: new or empty unless told otherwise; a run that fails on bad input leaves nothing in it."""
+"""The `--out` folder: new or empty unless told otherwise; bad input leaves nothing in it."""
 
 from __future__ import annotations
 

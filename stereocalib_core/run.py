@@ -33,7 +33,7 @@ Progress = Callable[[int, int, str], None]
 """Called with frames done, frames in all, and what is being done."""
 
 
-class Interrupted(Exception):
+class Interrupted(KeyboardInterrupt):
     """The user stopped the run; what was done by then is in the output folder."""
 
     def __init__(self, done: int, total: int) -> None:
@@ -50,7 +50,6 @@ def run_drive(
     *,
     overwrite: bool = False,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Process SOURCE `spec` into `out` and return the report.
 
@@ -61,8 +60,6 @@ def run_drive(
     folder = OutputFolder(out, FILES, overwrite)
     source = open_source(spec)
     start, stop = frame_range(frames, len(source))
-    for text in source.notices if notice else ():
-        notice(text)  # type: ignore[misc]
     folder.create()
     results: list[FrameResult] = []
     total_ms: list[float] = []
@@ -73,12 +70,14 @@ def run_drive(
         if progress:
             progress(len(results), stop - start, "analysing the drive")
         analysis = _analyse(results, source, config, start, stop, rig)
-        return _write(out, spec, config, results, analysis, elapsed_s, total_ms, tolerances or {})
+        return _write(
+            out, spec, source.notices, config, results, analysis, elapsed_s, total_ms, tolerances or {}
+        )
     except KeyboardInterrupt:
         if not results:
             folder.undo()
             raise
-        _write(out, spec, config, results, None, time.perf_counter() - began, total_ms, {})
+        _write(out, spec, source.notices, config, results, None, time.perf_counter() - began, total_ms, {})
         raise Interrupted(len(results), stop - start) from None
     except StereoCalibError:
         folder.undo()
@@ -150,6 +149,7 @@ def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth |
 def _write(
     out: Path,
     spec: str,
+    notices: tuple[str, ...],
     config: PipelineConfig,
     results: list[FrameResult],
     analysis: DriveAnalysis | None,
@@ -159,6 +159,7 @@ def _write(
 ) -> dict[str, Any]:
     """All files of a run; report.json last, so that its presence means that the others are there."""
     report = build_report(spec, config.method, results, analysis, elapsed_s, total_ms)
+    report["notices"] = list(notices)
     report["mount"]["within_tolerance"] = within_tolerance(report["mount"], tolerances)
     io.write_json(out / "config.json", settings.to_dict(config))
     io.write_extrinsics_csv(out / "extrinsics.csv", results, None if analysis is None else analysis.filtered)

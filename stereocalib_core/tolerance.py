@@ -36,17 +36,19 @@ def read_tolerances(path: Path) -> dict[str, Tolerance]:
     for axis, given in read_mapping(path, "tolerance file").items():
         if axis not in AXES:
             raise ConfigError(f"unknown axis {axis}", path, f"known are {' '.join(AXES)}")
-        nominal, tolerance = (given.get(key) if isinstance(given, dict) else None for key in _KEYS)
-        if not (_is_number(nominal) and _is_number(tolerance) and tolerance >= 0):
+        values = given if isinstance(given, dict) else {}
+        nominal, tolerance = (_number(values.get(key)) for key in _KEYS)
+        if nominal is None or tolerance is None or tolerance < 0:
             raise ConfigError(
                 f"bad tolerance of {axis}", path, "write `{nominal: NUMBER, tolerance: NUMBER}`"
             )
-        limits[axis] = Tolerance(float(nominal), float(tolerance))
+        limits[axis] = Tolerance(nominal, tolerance)
     return limits
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e6
+def _number(value: Any) -> float | None:
+    usable = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e6
+    return float(value) if usable else None
 
 
 def within_tolerance(mount: Mapping[str, Any], limits: Mapping[str, Tolerance]) -> bool | None:

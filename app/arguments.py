@@ -1,0 +1,256 @@
+"""The command line: commands, options and the help that explains them. Imports nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from stereocalib_core import __version__
+from stereocalib_core.errors import ConfigError
+
+SOURCES = """\
+sources (SOURCE is recognised by what is in it):
+  .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
+  .../2011_09_26_drive_0009_sync
+                              KITTI raw drive; truth from OXTS, LiDAR from velodyne_points when there
+  FOLDER                      left/ right/ (same file names) and camera.yaml, unrectified or not;
+                              optional times.txt, poses.txt
+  synthetic[:NAME][?key=value&...]
+                              a rendered drive with known truth: town, curves, straight, plane
+  video:FILE?camera=camera.yaml, video:0?camera=camera.yaml
+                              side-by-side video file or live camera
+  RUN_DIR                     what an earlier `run` wrote (view, compare)
+"""
+
+EXIT_CODES = """\
+exit codes: 0 fine, 2 bad usage or input, 3 finished but not to be trusted, 130 stopped by Ctrl-C
+"""
+
+TOP = f"""\
+examples:
+  stereocalib demo                                    see it work, no data needed
+  stereocalib run sequences/06 --out run06            numbers for a drive
+  stereocalib view sequences/06                       the same, live in a browser
+  stereocalib run mydrive --out r --rig run06/rig.yaml
+                                                      carry yaw and lever arm over from another drive
+
+{SOURCES}
+{EXIT_CODES}
+`stereocalib COMMAND --help` explains one command."""
+
+SYNTH_KEYS = {
+    "seed": ("N", "random seed"),
+    "frames": ("N", "only the first N frames"),
+    "path": ("FILE", "KITTI poses to drive along"),
+    "mount_height_m": ("M", "camera height (1.65)"),
+    "mount_pitch_deg": ("DEG", "camera pitch, > 0 looks down (0.8)"),
+    "mount_roll_deg": ("DEG", "camera roll (-0.4)"),
+    "mount_yaw_deg": ("DEG", "camera yaw (-0.3)"),
+    "traffic": ("X", "other cars, 0 off, 1 default"),
+    "camber": ("X", "crowned road, 0 off, 1 default"),
+    "noise": ("X", "sensor noise, 0 off, 1 default"),
+    "exposure_difference": ("X", "between left and right, 0 off, 1 default"),
+    "body_motion": ("X", "pitching and rolling of the car, 0 off, 1 default"),
+    "lidar": ("0|1", "LiDAR scans too"),
+}
+EXPERIMENTS = ("roll", "height", "yaw", "odometry", "lidar-camera")
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    """Keeps the texts' own lines, and gives option names room beside their explanation."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30, width=96)
+
+    def _format_action(self, action: argparse.Action) -> str:
+        text = super()._format_action(action)
+        if isinstance(action, argparse._SubParsersAction):  # drop the line that repeats "COMMAND"
+            return text.partition("\n")[2]
+        return text
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports bad usage as every other error: one line, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of printing the usage."""
+        raise ConfigError("bad usage", message, f"see `{self.prog} --help`")
+
+
+def _frames(text: str) -> tuple[int | None, int | None]:
+    first, colon, last = text.partition(":")
+    if not colon or not all(part.isdecimal() and len(part) < 10 for part in (first, last) if part):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no range A:B")
+    return (int(first) if first else None, int(last) if last else None)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text[:9]) < 65536:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no port, 1...65535")
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text[:12]) < 10**9:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no positive whole number")
+    return int(text)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def build_parser() -> Parser:
+    """The whole command line; each command's namespace carries its name as `command`."""
+    parser = Parser(
+        prog="stereocalib",
+        description="How your stereo camera stands over the road: height, pitch, roll and yaw in every\n"
+        "frame, the odometry they drive, and a browser page that shows it all.",
+        epilog=TOP,
+        formatter_class=_Help,
+    )
+    parser.add_argument("--version", action="version", version=f"stereocalib {__version__}")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", title="commands", parser_class=Parser
+    )
+
+    def add(name: str, help_text: str, example: str) -> Parser:
+        return commands.add_parser(  # type: ignore[no-any-return]
+            name,
+            help=help_text,
+            description=help_text[0].upper() + help_text[1:] + ".",
+            epilog=f"example:\n  {example}\n\n"
+            + (SOURCES + "\n" if "SOURCE" in help_text else "")
+            + EXIT_CODES,
+            formatter_class=_Help,
+        )
+
+    demo = add("demo", "open the app on the embedded synthetic drive", "stereocalib demo --port 8090")
+    _add_server(demo)
+    demo.add_argument("--frames", type=_positive, metavar="N", help="only the first N frames")
+
+    view = add("view", "open the app on SOURCE", "stereocalib view sequences/06")
+    view.add_argument("source", metavar="SOURCE", help="a drive, or the output of an earlier run")
+    _add_server(view)
+    _add_run(
+        add(
+            "run",
+            "measure SOURCE from end to end and write the numbers",
+            "stereocalib run sequences/06 --out o",
+        )
+    )
+
+    compare = add(
+        "compare", "say what differs between two runs, with sigma", "stereocalib compare monday friday"
+    )
+    compare.add_argument("run_a", metavar="RUN_A", type=Path, help="output folder of a run")
+    compare.add_argument("run_b", metavar="RUN_B", type=Path, help="output folder of another")
+    compare.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+    synth = add(
+        "synth",
+        "write a synthetic drive with its truth, in KITTI odometry layout",
+        "stereocalib synth --out s --name curves --frames 200 --fault knock:pitch=0.3@80",
+    )
+    _add_out(synth)
+    synth.add_argument("--name", default="town", help="town, curves, straight or plane (default: town)")
+    for key, (metavar, text) in SYNTH_KEYS.items():
+        spellings = list(dict.fromkeys([f"--{key}", f"--{key.replace('_', '-')}"]))
+        synth.add_argument(*spellings, dest=key, metavar=metavar, help=text)
+    synth.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND[:axis=size]@A[-B]",
+        help="knock drift rectification dirt glare drop swap freeze low_texture rain night truck ramp "
+        "lidar_knock, from frame A on or up to B; may be given several times",
+    )
+
+    experiments = add(
+        "experiments",
+        "repeat the experiments of the papers, beside their numbers",
+        "stereocalib experiments roll --out e",
+    )
+    experiments.add_argument("name", choices=(*EXPERIMENTS, "all"))
+    _add_out(experiments)
+    experiments.add_argument(
+        "--source", metavar="SOURCE", help="a drive of your own instead of the default one"
+    )
+
+    _add_lidar(add)
+    batch = add(
+        "batch",
+        "run many drives, on several processes or machines",
+        "stereocalib batch d/* --out b --workers 2",
+    )
+    batch.add_argument("sources", metavar="SOURCE", nargs="+", help="drives, see below")
+    _add_out(batch)
+    where = batch.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="local worker processes (default: one per core)"
+    )
+    where.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, tcp://HOST:PORT")
+    batch.add_argument("--method", choices=("direct", "paper"), default=None)
+    return parser
+
+
+def _add_server(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--port", type=_port, default=8080, metavar="P", help="default: 8080")
+    parser.add_argument(
+        "--host", default="127.0.0.1", metavar="H", help="default: 127.0.0.1, this machine only"
+    )
+
+
+def _add_out(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="output folder, new or empty")
+    parser.add_argument("--overwrite", action="store_true", help="replace what an earlier call wrote there")
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.add_argument("source", metavar="SOURCE", help="a drive, see below")
+    _add_out(run)
+    run.add_argument("--resume", action="store_true", help="go on with a run that was stopped or killed")
+    run.add_argument(
+        "--frames", type=_frames, default=(None, None), metavar="A:B", help="zero-based, half open"
+    )
+    method = run.add_argument_group("method")
+    method.add_argument(
+        "--method",
+        choices=("direct", "paper"),
+        default=None,
+        help="direct: align the road plane on the pictures (default); "
+        "paper: v-disparity line and roll at fixed disparity",
+    )
+    method.add_argument(
+        "--config", type=Path, metavar="FILE", help="settings (YAML or JSON), any part of config.json"
+    )
+    method.add_argument(
+        "--rig", type=Path, metavar="RIG.yaml", help="yaw, lever arm and mount from an earlier drive"
+    )
+    method.add_argument(
+        "--tolerance", type=Path, metavar="FILE", help="nominal mount and tolerances to judge it by"
+    )
+    output = run.add_argument_group("recording")
+    output.add_argument("--rrd", action="store_true", help="write recording.rrd for the Rerun viewer")
+    output.add_argument("--rerun", action="store_true", help="show the run live in the Rerun viewer")
+
+
+def _add_lidar(add: object) -> None:
+    lidar = add(  # type: ignore[operator]
+        "lidar-camera",
+        "calibrate a camera against a 3-D LiDAR from chessboard poses",
+        "stereocalib lidar-camera boards --out c",
+    )
+    lidar.add_argument("folder", type=Path, metavar="DIR", help="images/ clouds/ camera.yaml board.yaml")
+    _add_out(lidar)
+    lidar.add_argument("--pairs", type=_names, metavar="a,b,...", help="use only these")
+    lidar.add_argument("--exclude", type=_names, default=[], metavar="a,b,...", help="leave these out")
+    lidar.add_argument(
+        "--cropped", action="store_true", help="take clouds_cropped/, the board cut out already"
+    )
+    view = add(  # type: ignore[operator]
+        "view-lidar", "open the app on a set of chessboard poses", "stereocalib view-lidar boards"
+    )
+    view.add_argument("folder", type=Path, metavar="DIR")
+    _add_server(view)

@@ -1,0 +1,50 @@
+"""`stereocalib`: parses the command line, runs one command, and turns what goes wrong into one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from app.arguments import build_parser
+from stereocalib_core.errors import StereoCalibError
+
+EXIT_OK, EXIT_BAD_INPUT, EXIT_UNTRUSTED, EXIT_INTERRUPTED = 0, 2, 3, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line's exit code; errors are one line on stderr."""
+    try:
+        arguments = build_parser().parse_args(argv)
+        from app import commands
+
+        warning = commands.COMMANDS[arguments.command](arguments)
+        sys.stdout.flush()
+    except StereoCalibError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt as stopped:
+        print(f"stereocalib: stopped: {stopped}" if str(stopped) else "stereocalib: stopped", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; nothing can be said there any more.
+        sys.stdout = None
+        return EXIT_OK
+    except OSError as error:
+        where = error.filename or "the system"
+        return _fail(
+            f"{(error.strerror or 'input or output failed').lower()}: {where}: check path, rights and space"
+        )
+    except MemoryError:
+        return _fail("out of memory: this machine: use fewer frames, --frames A:B")
+    if warning:
+        print(f"stereocalib: not to be trusted: {warning}", file=sys.stderr)
+        return EXIT_UNTRUSTED
+    return EXIT_OK
+
+
+def _fail(line: str) -> int:
+    print(f"stereocalib: error: {' '.join(line.split())}", file=sys.stderr)
+    return EXIT_BAD_INPUT
+
+
+if __name__ == "__main__":
+    sys.exit(main())
