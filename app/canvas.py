@@ -88,9 +88,7 @@ def title_bar(width: int, title: str, legend: Sequence[tuple[str, Rgb]] = (), no
     return bar
 
 
-def titled(
-    body: Picture, title: str, legend: Sequence[tuple[str, Rgb]] = (), note: str = ""
-) -> Picture:
+def titled(body: Picture, title: str, legend: Sequence[tuple[str, Rgb]] = (), note: str = "") -> Picture:
     """A view under its title bar."""
     return np.vstack([title_bar(body.shape[1], title, legend, note), body])
 
@@ -101,7 +99,9 @@ def lookup_table(name: str) -> NDArray[np.uint8]:
     return (colormaps[name](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
 
 
-def colorize(values: NDArray[np.floating], low: float, high: float, name: str, invalid: Rgb = PAPER) -> Picture:
+def colorize(
+    values: NDArray[np.floating], low: float, high: float, name: str, invalid: Rgb = PAPER
+) -> Picture:
     """(h, w) numbers to RGB; NaN becomes `invalid`."""
     scaled = (values - low) * (255.0 / max(high - low, 1e-9))
     index = np.nan_to_num(np.clip(scaled, 0, 255), nan=0.0).astype(np.uint8)
@@ -127,7 +127,9 @@ def polyline(picture: Picture, points: NDArray[np.floating], color: Rgb, thickne
             cv2.polylines(picture, [fixed], False, color, thickness, cv2.LINE_AA, shift=4)
 
 
-def dashed(picture: Picture, start: Sequence[float], end: Sequence[float], color: Rgb, thickness: int = 2) -> None:
+def dashed(
+    picture: Picture, start: Sequence[float], end: Sequence[float], color: Rgb, thickness: int = 2
+) -> None:
     """A dashed straight line. In place."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     count = max(2, int(np.hypot(*(b - a)) / 12))
@@ -142,7 +144,9 @@ def notice(width: int, height: int, line: str, detail: str = "") -> Picture:
     cv2.rectangle(picture, (0, 0), (width - 1, height - 1), RULE, 1)
     put_text(picture, line, max(8, (width - text_width(line, 24)) // 2), height // 2 - 30, INK, 24)
     if detail:
-        put_text(picture, detail, max(8, (width - text_width(detail, 20)) // 2), height // 2 + 6, INK_SOFT, 20)
+        put_text(
+            picture, detail, max(8, (width - text_width(detail, 20)) // 2), height // 2 + 6, INK_SOFT, 20
+        )
     return picture
 
 

@@ -95,7 +95,7 @@ def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -
     grey = cv2.resize(frame.left, values.shape[::-1], interpolation=cv2.INTER_AREA)[::every, ::every]
     colors = np.repeat(grey[..., None], 3, axis=2)
     for mask, tint in ((stages.road, palette.ROAD), (stages.obstacles, palette.OBSTACLE)):
-        canvas.blend(colors, mask[::every, ::every], tint, 0.35)
+        canvas.blend(colors, mask[::every, ::every], tint, 0.22)
     if not good.any():
         return np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
     return points.astype(np.float32), colors[good]
@@ -108,7 +108,8 @@ class FrameViews:
         self._source, self._make_stages = source, stages
         self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
         self._views: BoundedCache[FrameView] = BoundedCache(
-            PICTURE_CACHE_BYTES, lambda v: len(v.left_jpeg) + len(v.stages_jpeg) + v.points.nbytes + v.colors.nbytes
+            PICTURE_CACHE_BYTES,
+            lambda v: len(v.left_jpeg) + len(v.stages_jpeg) + v.points.nbytes + v.colors.nbytes,
         )
 
     def stages(self, index: int) -> FrameStages:

@@ -58,10 +58,10 @@ def draw_road(
     for x in _GRID_X:
         points = np.stack([np.full_like(z_line, x), np.zeros_like(z_line), z_line], axis=1)
         line = road_to_image(camera, extrinsics, points)[:, :2]
-        canvas.polyline(picture, _scaled(line, scale), color, 3 if x == 0 else 2)
+        canvas.polyline(picture, _scaled(line, scale), color, 2 if x == 0 else 1)
     for z in _GRID_Z:
         ends = road_to_image(camera, extrinsics, np.array([[_GRID_X[0], 0, z], [_GRID_X[-1], 0, z]]))[:, :2]
-        canvas.polyline(picture, _scaled(ends, scale), color, 2)
+        canvas.polyline(picture, _scaled(ends, scale), color, 1)
         if labels and z in (5.0, 10.0, 20.0):
             x_px, y_px = _scaled(ends, scale)[1]
             canvas.put_label(picture, f"{z:g} m", int(x_px) + 8, int(y_px) - 14)
@@ -93,7 +93,10 @@ def left_view(
     if frame.left is None:
         why = frame.failure
         body = canvas.notice(
-            width, height, "no picture" if why is None else str(why.reason), "" if why is None else why.detail[:80]
+            width,
+            height,
+            "no picture" if why is None else str(why.reason),
+            "" if why is None else why.detail[:80],
         )
         return canvas.titled(body, f"Left image · frame {frame.index}")
     if frame.left.shape != (camera.height, camera.width):
@@ -103,8 +106,8 @@ def left_view(
     if stages is not None:
         road = _resize(stages.road, width, height)
         canvas.blend(body, _resize(stages.free, width, height) & ~road, palette.FREE, 0.22)
-        canvas.blend(body, road, palette.ROAD, 0.34)
-        canvas.blend(body, _resize(stages.obstacles, width, height), palette.OBSTACLE, 0.34)
+        canvas.blend(body, road, palette.ROAD, 0.36)
+        canvas.blend(body, _resize(stages.obstacles, width, height), palette.OBSTACLE, 0.20)
     if stages is not None and stages.estimate is not None:
         draw_road(body, camera, stages.estimate.extrinsics, palette.GRID, labels=True)
     if live is not None:
@@ -226,7 +229,9 @@ def stages_view(
     height = picture_height(camera, width)
     if stages is None:
         why = frame.failure
-        return canvas.notice(width, height, "no stages for this frame", "" if why is None else str(why.reason))
+        return canvas.notice(
+            width, height, "no stages for this frame", "" if why is None else str(why.reason)
+        )
     if layout == "disparity":
         return disparity_view(stages, width, height)
     if layout == "free map":

@@ -1,0 +1,150 @@
+"""The 3-D view: the camera over the measured road with the cloud of the frame, and the drive's paths.
+
+World axes are those of the first left camera (x right, y down, z forward). When the view follows the car, the
+world is moved under it instead, so that every browser keeps its own viewpoint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import viser.transforms as vtf
+from numpy.typing import NDArray
+
+from app import palette
+from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform
+
+Array = NDArray[np.float64]
+_LATERAL_M = np.arange(-6.0, 6.1, 1.5)
+_AHEAD_M = np.arange(0.0, 45.1, 5.0)
+
+
+def _road_lines() -> NDArray[np.float32]:
+    along = [[[x, 0, _AHEAD_M[0]], [x, 0, _AHEAD_M[-1]]] for x in _LATERAL_M]
+    across = [[[_LATERAL_M[0], 0, z], [_LATERAL_M[-1], 0, z]] for z in _AHEAD_M]
+    return np.array(along + across, dtype=np.float32)
+
+
+def path_segments(positions: Array) -> NDArray[np.float32]:
+    """(N, 3) positions with NaN gaps to (M, 2, 3) segments between neighbours that are both known."""
+    pairs = np.stack([positions[:-1], positions[1:]], axis=1)
+    return pairs[np.isfinite(pairs).all(axis=(1, 2))].astype(np.float32)
+
+
+class Scene:
+    """The nodes of one page (shared or of one browser)."""
+
+    def __init__(self, api: Any, camera: StereoCamera, prefix: str) -> None:
+        self._scene, self._camera, self._root_name = api.scene, camera, f"/{prefix}"
+        scene, root = self._scene, self._root_name
+        scene.set_up_direction("-y")
+        self.root = scene.add_frame(root, show_axes=False)
+        self._car = scene.add_frame(f"{root}/car", show_axes=False)
+        self._road = scene.add_line_segments(
+            f"{root}/car/road", _road_lines(), palette.RULE, thickness=1.5, thickness_units="screen"
+        )
+        corners = np.array(
+            [[x, 0.0, z] for x in (_LATERAL_M[0], _LATERAL_M[-1]) for z in (_AHEAD_M[0], _AHEAD_M[-1])]
+        )
+        self._surface = scene.add_mesh_simple(
+            f"{root}/car/surface",
+            corners,
+            np.array([[0, 1, 3], [0, 3, 2]]),
+            color=palette.ROAD,
+            opacity=0.28,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        self._mount = scene.add_frame(f"{root}/car/camera", axes_length=0.5, axes_radius=0.02)
+        self._frustum = scene.add_camera_frustum(
+            f"{root}/car/camera/frustum",
+            fov=float(2 * np.arctan2(camera.height / 2, camera.focal_px)),
+            aspect=camera.width / camera.height,
+            scale=0.9,
+            thickness=2.0,
+            thickness_units="screen",
+            color=palette.HORIZON,
+        )
+        self._cloud = scene.add_point_cloud(
+            f"{root}/car/camera/cloud",
+            np.zeros((1, 3), np.float32),
+            np.zeros((1, 3), np.uint8),
+            point_size=0.06,
+            precision="float32",
+            point_shading="flat",
+        )
+        self._plumb = scene.add_line_segments(
+            f"{root}/car/plumb",
+            np.array([[[0, 0, 0], [0, -1.65, 0]]], np.float32),
+            palette.NOW,
+            thickness=3,
+            thickness_units="screen",
+        )
+        self._label = scene.add_label(f"{root}/car/label", "", position=(0.0, -2.1, 0.0))
+        self._paths: dict[str, Any] = {}
+
+    def show_road(self, extrinsics: Extrinsics | None, caption: str) -> None:
+        """Put the camera over the road; without an estimate the road disappears."""
+        known = extrinsics is not None
+        for node in (self._road, self._surface, self._plumb):
+            node.visible = known
+        self._label.text = caption
+        if extrinsics is not None:
+            T = invert_transform(extrinsics.T_camera_road)
+            self._mount.wxyz = vtf.SO3.from_matrix(T[:3, :3]).wxyz
+            self._mount.position = T[:3, 3]
+            self._plumb.points = np.array([[[0, 0, 0], [0, -extrinsics.height_m, 0]]], np.float32)
+            self._label.position = (0.0, -extrinsics.height_m - 0.5, 0.0)
+
+    def show_cloud(self, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
+        """The coloured points of the frame, in the camera frame [m]."""
+        self._cloud.points = points
+        self._cloud.colors = colors
+
+    def show_image(self, image: NDArray[np.uint8] | None) -> None:
+        """The picture in the frustum, or none."""
+        self._frustum.image = image
+
+    def place_car(self, T_world_road: Array, follow: bool) -> None:
+        """Move the car through the world, or the world under the car."""
+        rotation = vtf.SO3.from_matrix(T_world_road[:3, :3])
+        self._car.wxyz, self._car.position = rotation.wxyz, T_world_road[:3, 3]
+        if follow:
+            T = invert_transform(T_world_road)
+            self.root.wxyz, self.root.position = vtf.SO3.from_matrix(T[:3, :3]).wxyz, T[:3, 3]
+        else:
+            self.root.wxyz, self.root.position = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+    def show_paths(self, paths: Mapping[str, Array], visible: Mapping[str, bool]) -> None:
+        """(N, 3) positions by name; ground truth is dashed so that hue is not alone."""
+        for name, positions in paths.items():
+            segments = path_segments(positions)
+            if name == "ground_truth":
+                segments = segments[::2]
+            if len(segments) == 0:
+                segments = np.zeros((1, 2, 3), np.float32)
+            self._show_path(name, segments, palette.VARIANT.get(name, palette.INK), visible.get(name, True))
+        for name in set(self._paths) - set(paths):
+            self._paths.pop(name).remove()
+
+    def _show_path(self, name: str, segments: NDArray[np.float32], color: Any, visible: bool) -> None:
+        node = self._paths.get(name)
+        if node is None:
+            self._paths[name] = self._scene.add_line_segments(
+                f"{self._root_name}/paths/{name}",
+                segments,
+                color,
+                thickness=5 if name == "autocalibrated" else 3,
+                thickness_units="screen",
+                visible=visible,
+            )
+            return
+        node.points = segments
+        node.visible = visible
+
+    def close(self) -> None:
+        """Remove every node."""
+        self.root.remove()

@@ -1,0 +1,70 @@
+"""Opens a drive in the browser: `serve` runs until Ctrl-C."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from pathlib import Path
+
+from app.hub import Hub
+from app.secure import LOCAL_NAMES, create_server, stop_server
+from app.session import Session
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.sources import open_source
+
+LOG = logging.getLogger(__name__)
+
+
+def open_session(
+    spec: str, config: PipelineConfig | None = None, frames: slice | None = None, rig: Path | None = None
+) -> Session:
+    """Open a source for the page; raises StereoCalibError in one line."""
+    return Session(open_source(spec), config or PipelineConfig(), spec=spec, rig=rig)
+
+
+def start(
+    spec: str,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    config: PipelineConfig | None = None,
+    autoplay: bool = False,
+    frames: slice | None = None,
+    rig: Path | None = None,
+) -> Hub:
+    """Start the page and return at once; `hub.server.get_port()` says where."""
+    session = open_session(spec, config, frames, rig)
+    server = create_server(host, port)
+    hub = Hub(server, session)
+    hub.start()
+    if autoplay:
+        hub.shared.playback.play()
+    return hub
+
+
+def serve(
+    spec: str,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    config: PipelineConfig | None = None,
+    autoplay: bool = False,
+    frames: slice | None = None,
+    rig: Path | None = None,
+) -> None:
+    """Show a drive in the browser until Ctrl-C. Prints the page's address when it is ready."""
+    hub = start(spec, host, port, config, autoplay, frames, rig)
+    shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
+    if host not in LOCAL_NAMES:
+        sys.stderr.write(
+            f"stereocalib: warning: the page listens on {host}: anyone who reaches this machine can see and steer it\n"
+        )
+    sys.stdout.write(f"http://{shown}:{hub.server.get_port()}\n")
+    sys.stdout.flush()
+    try:
+        while True:
+            time.sleep(3600.0)
+    except KeyboardInterrupt:
+        LOG.debug("interrupted")
+    finally:
+        hub.close()
+        stop_server(hub.server)

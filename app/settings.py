@@ -1,0 +1,47 @@
+"""What a page is set to show. Immutable; a change makes a new one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+PRESETS = ("Inspect", "Teach", "Debug")
+LAYOUTS = ("all stages", "disparity", "u-disparity", "free map", "v-disparity")
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """How the live trajectory treats the extrinsics: strength 0...1 and injected error per axis [deg, m].
+
+    source: `filtered` or `raw` extrinsics. model: motion model of the odometry.
+    """
+
+    yaw_strength: float = 1.0
+    pitch_strength: float = 1.0
+    roll_strength: float = 1.0
+    height_strength: float = 1.0
+    yaw_error_deg: float = 0.0
+    pitch_error_deg: float = 0.0
+    roll_error_deg: float = 0.0
+    height_error_m: float = 0.0
+    source: str = "filtered"
+    model: str = "full"
+
+    @property
+    def touched(self) -> bool:
+        """Whether anything differs from the plain result."""
+        return self != Corrections()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything a page can be set to."""
+
+    preset: str = "Inspect"
+    layout: str = "all stages"
+    corrections: Corrections = Corrections()
+    follow: bool = True
+    cloud: bool = True
+    color_by_error: bool = False
+    teach_step: int = 0
+    paths: MappingProxyType[str, bool] = field(default_factory=lambda: MappingProxyType({}))

@@ -1,0 +1,41 @@
+"""Numbers and foreign strings as Markdown that is safe to show: viser passes raw HTML through."""
+
+from __future__ import annotations
+
+import html
+import re
+
+import numpy as np
+
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]()#+\-.!|~>$])")
+
+
+def escape(text: object, limit: int = 300) -> str:
+    """A string from outside as one inert line of Markdown."""
+    line = " ".join(str(text).split())
+    if len(line) > limit:
+        line = line[: limit - 1] + "…"
+    return _MARKDOWN.sub(r"\\\1", html.escape(line, quote=False))
+
+
+def number(value: float | None, digits: int, unit: str = "") -> str:
+    """A number with its unit, or a dash."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}f}".replace("-", "−")
+    return f"{text}{unit}"
+
+
+def with_sigma(value: float | None, sigma: float | None, digits: int, unit: str) -> str:
+    """`1.652 ± 0.012 m`, or a dash."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if sigma is None or not np.isfinite(sigma):
+        return number(value, digits, unit)
+    return f"{number(value, digits)} ± {number(sigma, digits)}{unit}"
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table; the cells are Markdown already."""
+    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
