@@ -62,6 +62,7 @@ class _Help(argparse.RawDescriptionHelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=96)
+        self._action_max_length = 20  # argparse miscounts the indented commands
 
     def _format_action(self, action: argparse.Action) -> str:
         text = super()._format_action(action)

@@ -132,7 +132,7 @@ def _rectified(values: dict[str, Any], size: tuple[int, int], path: Path) -> tup
         raise SourceError(f"t is {np.round(t, 4).tolist()}", path, remedy)
     if "baseline_m" in values and abs(_number(values, "baseline_m", path, 1e-3, 100.0) / baseline - 1) > 0.02:
         raise SourceError("baseline_m and t disagree", path, f"t is {baseline:.4g} m long; drop one of them")
-    R_left, R_right, P = _rectifying_rotations(model, K, D, size, R, t)
+    R_left, R_right, P = _rectifying_rotations(model, K, D, size, R, t.reshape(3, 1))
     P = _wanted_matrix(P, values, size, path)
     camera = StereoCamera(size[0], size[1], float(P[0, 0]), float(P[0, 2]), float(P[1, 2]), baseline)
     init = cv2.fisheye.initUndistortRectifyMap if model == "fisheye" else cv2.initUndistortRectifyMap

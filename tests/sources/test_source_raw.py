@@ -1,0 +1,112 @@
+"""KITTI raw drives: partial downloads, OXTS truth, LiDAR in the rectified left camera's frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive_writer import raw_drive
+
+from stereocalib_core.errors import FailureReason, SourceError
+from stereocalib_core.sources import SourceKind, open_source, source_kind
+
+
+def test_reads_everything(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path, frames=12, oxts=20, scans=3)
+    source = open_source(str(drive))
+    assert source_kind(str(drive)) is SourceKind.KITTI_RAW
+    assert len(source) == 12
+    np.testing.assert_allclose(source.timestamps_s, 0.1 * np.arange(12), atol=1e-9)
+    truth = source.ground_truth
+    assert truth is not None
+    assert truth.poses is not None
+    assert not truth.heading_reliable
+    # The car drives along its own x; the camera looks along it, so its z advances by 1 m a frame.
+    np.testing.assert_allclose(truth.poses[:, 2, 3], np.arange(12), atol=1e-3)
+    np.testing.assert_allclose(truth.poses[:, :2, 3], 0, atol=1e-3)
+    assert [source[i].lidar is not None for i in range(5)] == [True, True, True, False, False]
+    assert any("3 of 12" in notice for notice in source.notices)
+
+
+def test_lidar_points_land_in_the_left_camera(tmp_path: Path) -> None:
+    T = open_source(str(raw_drive(tmp_path, scans=1))).T_camera_lidar
+    assert T is not None
+    np.testing.assert_allclose(T @ [10.0, 0, 0, 1], [0.0, -0.1, 9.7, 1], atol=1e-9)
+
+
+def test_a_missing_right_picture_shifts_nothing(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path, frames=6)
+    (drive / "image_01" / "data" / "0000000002.png").unlink()
+    source = open_source(str(drive))
+    assert source[2].failure is not None
+    assert source[2].failure.reason is FailureReason.MISSING_PAIR
+    frame = source[3]
+    assert frame.left is not None
+    assert frame.right is not None
+    assert (int(frame.left[0, 0]), int(frame.right[0, 0])) == (3, 3)
+
+
+def test_without_oxts_or_lidar_or_their_calibration(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path, frames=6, oxts=6, scans=2)
+    for name in ("calib_velo_to_cam.txt", "calib_imu_to_velo.txt"):
+        (drive.parent / name).unlink()
+    source = open_source(str(drive))
+    assert source.ground_truth is None
+    assert source.T_camera_lidar is None
+    assert source[0].lidar is None
+    assert any("no ground truth" in notice for notice in source.notices)
+    assert any("left unused" in notice for notice in source.notices)
+
+
+def test_a_damaged_oxts_packet_or_scan_is_left_out(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path, frames=6, oxts=6, scans=6)
+    (drive / "oxts" / "data" / "0000000002.txt").write_text("49.0 nan")
+    (drive / "velodyne_points" / "data" / "0000000001.bin").write_bytes(b"12345")
+    source = open_source(str(drive))
+    assert source.ground_truth is not None
+    assert source.ground_truth.poses is not None
+    assert np.isfinite(source.ground_truth.poses).all(axis=(1, 2)).tolist() == [
+        True,
+        True,
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert source[1].lidar is None
+    assert source[2].lidar is not None
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "nan"])
+def test_a_bad_calibration_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+    drive = raw_drive(tmp_path)
+    path = drive.parent / "calib_cam_to_cam.txt"
+    text = path.read_text()
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_text(text[:100] if damage == "cut" else text.replace("P_rect_00: 80.0", "P_rect_00: nan"))
+    with pytest.raises(SourceError) as caught:
+        open_source(str(drive))
+    assert "calib" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_real_drive(kitti_raw_0009: Path) -> None:
+    source = open_source(str(kitti_raw_0009))
+    assert len(source) == 51
+    assert source.camera.baseline_m == pytest.approx(0.537, abs=1e-3)
+    assert sum(source[i].lidar is not None for i in range(14)) == 12
+    truth = source.ground_truth
+    assert truth is not None
+    assert truth.poses is not None
+    steps = np.linalg.norm(np.diff(truth.poses[:, :3, 3], axis=0), axis=1)
+    assert 50 < steps.sum() < 60
+    # Points ahead of the car, near its middle, must lie under and before the camera.
+    scan, T = source[0].lidar, source.T_camera_lidar
+    assert scan is not None
+    assert T is not None
+    road = scan[(scan[:, 0] > 5) & (scan[:, 0] < 10) & (np.abs(scan[:, 1]) < 2) & (scan[:, 2] < -1.5)]
+    camera = road[:, :3] @ T[:3, :3].T + T[:3, 3]
+    assert np.median(camera[:, 1]) == pytest.approx(1.65, abs=0.15)
