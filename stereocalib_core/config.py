@@ -62,7 +62,10 @@ class ProfileConfig:
     """Farther cells are not used."""
     corridor_half_width_m: float = 2.5
     """Cells farther to the side are not used: roads are cambered."""
-    trials: int = 400
+    search_slopes: int = 48
+    """Heights tried between the smallest and the largest, evenly in their logarithm."""
+    search_cells: int = 4000
+    """Cells that vote for the first line."""
     search_relative_tolerance: float = 0.06
     """Half width of the band about the first line, as a share of disparity: a rolled road is a wedge."""
     relative_tolerance: float = 0.02
@@ -126,6 +129,33 @@ class DirectConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class FilterConfig:
+    """The filter over height, pitch and roll. Body sizes are standard deviations about the rest pose."""
+
+    natural_hz: float = 1.4
+    damping: float = 0.35
+    body_height_m: float = 0.006
+    body_pitch_deg: float = 0.12
+    body_roll_deg: float = 0.10
+    rest_height_m: float = 0.004
+    """How far the rest pose may wander in a second (braking, curves); it grows with the root of time."""
+    rest_angle_deg: float = 0.15
+    memory_s: float = 2.0
+    """Over which the sizes of body motion and measurement noise are learnt."""
+    persistent_share: float = 0.3
+    """Of a frame's variance, what it shares with its neighbours: it does not average out."""
+    look_ahead: bool = True
+    """Use later frames as well, within each unbroken stretch; off = causal."""
+    gate: float = 21.0
+    """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom)."""
+    gate_height_m: float = 0.015
+    """What a body may do between two frames besides, 1 sigma."""
+    gate_angle_deg: float = 0.15
+    recovery_frames: int = 2
+    """Gated so often in a row, the filter believes that the mount has moved."""
+
+
+@dataclass(frozen=True, config=_STRICT)
 class PipelineConfig:
     """Everything a run is set by."""
 
@@ -135,6 +165,7 @@ class PipelineConfig:
     profile: ProfileConfig = ProfileConfig()
     direct: DirectConfig = DirectConfig()
     rectification: RectificationConfig = RectificationConfig()
+    filter: FilterConfig = FilterConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:

@@ -7,7 +7,11 @@ def warm_up() -> None:
     """Compile what this package compiles."""
     import numpy as np
 
+    from stereocalib_core.rig.body_filter import RigFilter
     from stereocalib_core.rig.row_matches import row_matches
 
     image = np.random.default_rng(0).integers(0, 255, (96, 160), dtype=np.uint8)
     row_matches(image, image, -8.0, 16.0)
+    rig = RigFilter()
+    for time_s in (0.0, 0.1):
+        rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))

@@ -1,0 +1,69 @@
+"""Height, pitch and roll of a whole drive: the filter forwards, then a look back over unbroken stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import FilterConfig
+from stereocalib_core.results import FilteredExtrinsics, FrameResult
+from stereocalib_core.rig.body_filter import FilterStep, RigFilter, measured_covariance
+
+Floats = NDArray[np.float64]
+
+
+def filter_drive(results: Sequence[FrameResult], config: FilterConfig | None = None) -> FilteredExtrinsics:
+    """The filtered extrinsics of a drive.
+
+    With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
+    was predicted stays as it was predicted: later frames do not bridge a gap.
+    """
+    config = config or FilterConfig()
+    rig = RigFilter(config)
+    steps: list[FilterStep] = []
+    persistent: list[Floats] = []
+    for result in results:
+        if result.road is None:
+            steps.append(rig.step(result.timestamp_s, None, None))
+        else:
+            e = result.road.extrinsics
+            z = np.array([e.height_m, e.pitch_rad, e.roll_rad])
+            steps.append(rig.step(result.timestamp_s, z, result.road.covariance))
+        persistent.append(rig.persistent)
+    values = np.array([s.values for s in steps]).reshape(-1, 3)
+    covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
+    if config.look_ahead:
+        for first, last in _stretches(steps):
+            for i, (x, P) in zip(
+                range(last, first - 1, -1), _backwards(steps[first : last + 1]), strict=True
+            ):
+                values[i] = x[:3] + x[3:6]
+                covariance[i] = measured_covariance(P) + persistent[i]
+    return FilteredExtrinsics(values, covariance, tuple(s.state for s in steps))
+
+
+def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:
+    """First and last of every run of updated frames over which the filter did not begin anew."""
+    found: list[tuple[int, int]] = []
+    for i, step in enumerate(steps):
+        if step.state != "updated":
+            continue
+        if found and found[-1][1] == i - 1 and step.joined:
+            found[-1] = (found[-1][0], i)
+        else:
+            found.append((i, i))
+    return found
+
+
+def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Floats, Floats]]:
+    """Smoothed states and covariances of consecutive frames, last frame first."""
+    x, P = steps[-1].x, steps[-1].P
+    smoothed = [(x, P)]
+    for now, later in zip(steps[-2::-1], steps[:0:-1], strict=True):
+        gain = np.linalg.solve(later.P_prior, later.F @ now.P).T
+        x = now.x + gain @ (x - later.x_prior)
+        P = now.P + gain @ (P - later.P_prior) @ gain.T
+        smoothed.append((x, P))
+    return smoothed
