@@ -13,7 +13,7 @@ SOURCES = """\
 sources (SOURCE is recognised by what is in it):
   .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
   .../2011_09_26_drive_0009_sync
-                              KITTI raw drive; truth from OXTS, LiDAR from velodyne_points when there
+                              KITTI raw drive; truth from OXTS, scans from velodyne_points
   FOLDER                      left/ right/ (same file names) and camera.yaml, unrectified or not;
                               optional times.txt, poses.txt
   synthetic[:NAME][?key=value&...]
@@ -29,11 +29,11 @@ exit codes: 0 fine, 2 bad usage or input, 3 finished but not to be trusted, 130 
 
 TOP = f"""\
 examples:
-  stereocalib demo                                    see it work, no data needed
-  stereocalib run sequences/06 --out run06            numbers for a drive
-  stereocalib view sequences/06                       the same, live in a browser
-  stereocalib run mydrive --out r --rig run06/rig.yaml
-                                                      carry yaw and lever arm over from another drive
+  stereocalib demo                              see it work, no data needed
+  stereocalib run sequences/06 --out run06      numbers for a drive
+  stereocalib view sequences/06                 the same, live in a browser
+  stereocalib run sequences/07 --out run07 --rig run06/rig.yaml
+                                                carry yaw and lever arm over from another drive
 
 {SOURCES}
 {EXIT_CODES}
