@@ -14,6 +14,7 @@ import pytest
 from drive_writer import odometry_drive
 
 from app.cli import main
+from app.commands import COMMANDS
 from stereocalib_core import pipeline
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
