@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -130,12 +129,12 @@ def _cast(  # type: ignore[no-untyped-def]
 def right_rotation(
     pitch_deg: float = 0.0, roll_deg: float = 0.0, yaw_deg: float = 0.0
 ) -> NDArray[np.float64]:
-    """(3, 3) R_left_right of a right camera turned about its own x, z and y axes by these angles."""
-    return (
-        rotation_x(math.radians(pitch_deg))
-        @ rotation_z(math.radians(roll_deg))
-        @ rotation_y(math.radians(yaw_deg))
-    )
+    """(3, 3) R_left_right of a right camera turned by these angles, signs as everywhere: P_right = Rx Rz Ry P_left.
+
+    pitch > 0 looks down, roll > 0 lets the horizon fall to the right, in the right picture.
+    """
+    pitch, roll, yaw = np.deg2rad([pitch_deg, roll_deg, yaw_deg])
+    return (rotation_x(pitch) @ rotation_z(roll) @ rotation_y(yaw)).T
 
 
 def render_plane(

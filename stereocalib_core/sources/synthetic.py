@@ -1,0 +1,86 @@
+"""The synthetic drive as a recording like any other."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.frames import GroundTruth, StereoFrame
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.synthetic.settings import DriveSettings, parse_spec
+from stereocalib_core.synthetic.studio import FrameTruth, Studio
+
+RENDERER_VERSION = 1
+"""Goes up whenever the same settings give other pictures."""
+
+
+class SyntheticSource:
+    """A `FrameSource` that renders. Frames may be read in any order, from any thread."""
+
+    def __init__(self, settings: DriveSettings) -> None:
+        self.settings = settings
+        self.studio = Studio(settings)
+
+    @classmethod
+    def from_spec(cls, spec: str) -> SyntheticSource:
+        """From `synthetic[:NAME][?key=value&...]`; ConfigError where that is not understood."""
+        return cls(parse_spec(spec))
+
+    @property
+    def name(self) -> str:
+        """The line that gives this drive."""
+        return self.settings.spec()
+
+    @property
+    def camera(self) -> StereoCamera:
+        """KITTI's unless told otherwise."""
+        return self.settings.camera
+
+    @property
+    def timestamps_s(self) -> NDArray[np.float64]:
+        """(N,) ten frames a second."""
+        return self.studio.drive.timestamps_s
+
+    @cached_property
+    def ground_truth(self) -> GroundTruth:
+        """Exact poses and extrinsics."""
+        return GroundTruth(self.studio.poses(), self.studio.drive.extrinsics)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Nothing is lacking."""
+        return ()
+
+    @property
+    def T_camera_lidar(self) -> NDArray[np.float64] | None:
+        """(4, 4), with `lidar=1`."""
+        return None
+
+    @cached_property
+    def content_key(self) -> str:
+        """Names everything that the frames depend on."""
+        text = f"{RENDERER_VERSION} {self.settings!r}"
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+    def __len__(self) -> int:
+        return len(self.studio.drive)
+
+    def __getitem__(self, index: int) -> StereoFrame:
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        left, right = self.studio.pictures(index)
+        return StereoFrame(index, float(self.timestamps_s[index]), left, right)
+
+    def truth(self, index: int) -> FrameTruth:
+        """Dense true disparity and labels of the left picture."""
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        return self.studio.truth(index)
+
+
+def from_spec(spec: str) -> SyntheticSource:
+    """The drive that `synthetic[:NAME][?key=value&...]` asks for."""
+    return SyntheticSource.from_spec(spec)

@@ -1,0 +1,150 @@
+"""Where the camera is in every frame, and what its extrinsics truly are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.geometry import Extrinsics, Plane, invert_transform, transform
+from stereocalib_core.synthetic import path as paths
+from stereocalib_core.synthetic.body import ride
+from stereocalib_core.synthetic.faults import AXES, Fault, offsets
+from stereocalib_core.synthetic.ground import AHEAD_M, Ground, Ramp, build_ground
+from stereocalib_core.synthetic.path import Course, Motion
+from stereocalib_core.synthetic.pose_path import course_from_poses
+from stereocalib_core.synthetic.settings import DriveSettings
+
+Array = NDArray[np.float64]
+
+_WHEELBASE_M, _TRACK_M = 2.71, 1.5
+_STRAIGHT_M, _PLANE_M = 300.0, 200.0
+_RAMP_AHEAD_M = 14.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The truth of a whole drive.
+
+    timestamps_s: (N,). T_world_camera: (N, 4, 4) of the left camera. extrinsics: (N, 4) height [m], pitch,
+    roll, yaw [rad] over the own lane's best-fit plane. s_m: (N,) where on the course the camera is.
+    """
+
+    settings: DriveSettings
+    course: Course
+    ground: Ground
+    motion: Motion
+    timestamps_s: Array
+    T_world_camera: Array
+    extrinsics: Array
+    s_m: Array
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+
+def plan_drive(settings: DriveSettings) -> Drive:
+    """The course, the ground, and the camera over it in every frame."""
+    poses: Array | None = None
+    if settings.path is not None:
+        course, s_camera, poses = course_from_poses(settings.path, settings.mount)
+        times = np.arange(len(s_camera)) / paths.FRAME_RATE_HZ
+        zero = np.zeros(len(s_camera))
+        motion = Motion(times, s_camera - settings.lever_arm_m, zero, zero, zero)
+    else:
+        course, motion = _built_in(settings.name)
+    frames = len(motion.time_s) if settings.frames is None else min(settings.frames, len(motion.time_s))
+    flat = settings.name == "plane" and settings.path is None
+    ramps = tuple(_ramp(f, motion, course, frames) for f in settings.faults if f.kind == "ramp")
+    bumpy = settings.body_motion > 0 and settings.path is None and not flat
+    humps = (0.30 * course.length_m, 0.865 * course.length_m) if bumpy else ()
+    ground = build_ground(course, settings.camber, humps, ramps, flat)
+    mount = _mounts(settings, motion)[:frames]
+    s_camera = (motion.s_m + settings.lever_arm_m)[:frames]
+    if poses is None:
+        T_world_camera = np.stack(
+            [
+                _vehicle_pose(ground, motion.s_m[i], settings) @ _camera_in_vehicle(mount[i])
+                for i in range(frames)
+            ]
+        )
+    else:
+        T_world_camera = poses[:frames]
+    extrinsics = np.stack(
+        [_truth(ground, s_camera[i], T_world_camera[i], float(mount[i, 3])) for i in range(frames)]
+    )
+    return Drive(
+        settings, course, ground, motion, motion.time_s[:frames], T_world_camera, extrinsics, s_camera
+    )
+
+
+def _built_in(name: str) -> tuple[Course, Motion]:
+    if name == "town":
+        course = paths.town_course()
+        return course, paths.drive_along(course, 8.0, 322.0)
+    if name == "curves":
+        course = paths.curves_course()
+        return course, _until(paths.constant_speed(course, 7.5, 1.0), course)
+    length = _STRAIGHT_M if name == "straight" else _PLANE_M
+    course = paths.straight_course(length + AHEAD_M + 20.0)
+    return course, _until(paths.constant_speed(course, 9.0, 1.5), course)
+
+
+def _until(motion: Motion, course: Course) -> Motion:
+    """Stop where the drawn road would end."""
+    keep = motion.s_m < course.length_m - AHEAD_M - 10.0
+    return Motion(*(getattr(motion, f)[keep] for f in ("time_s", "s_m", "speed", "acceleration", "lateral")))
+
+
+def _ramp(fault: Fault, motion: Motion, course: Course, frames: int) -> Ramp:
+    start = float(motion.s_m[min(fault.first, len(motion.s_m) - 1)]) + _RAMP_AHEAD_M
+    last = frames - 1 if fault.last is None else min(fault.last, len(motion.s_m) - 1)
+    return Ramp(start, max(float(motion.s_m[last]) + _RAMP_AHEAD_M, start + 34.0))
+
+
+def _mounts(settings: DriveSettings, motion: Motion) -> Array:
+    """(N, 6) height, pitch, roll, yaw, x, z of the camera over the car's own wheels."""
+    body = ride(motion, settings.body_motion, settings.load, settings.seed)
+    m = settings.mount
+    total = np.zeros((len(motion.time_s), len(AXES)))
+    total[:, 0] = m.height_m + body.height_m
+    total[:, 1] = m.pitch_rad + body.pitch_rad
+    total[:, 2] = m.roll_rad + body.roll_rad
+    total[:, 3] = m.yaw_rad
+    frames = len(motion.time_s) if settings.frames is None else min(settings.frames, len(motion.time_s))
+    total[:frames] += offsets(settings.faults, ("knock", "drift"), frames)
+    return total
+
+
+def _vehicle_pose(ground: Ground, s_m: float, settings: DriveSettings) -> Array:
+    """T_world_vehicle with the rear axle at s; the origin is on the wheels' plane under the camera."""
+    half = _TRACK_M / 2
+    y = ground.surface([s_m, s_m, s_m + _WHEELBASE_M, s_m + _WHEELBASE_M], [-half, half, -half, half])[:, 1]
+    heading = float(ground.course.at(ground.course.heading_rad, s_m))
+    rise = 0.5 * (y[2] + y[3] - y[0] - y[1]) / _WHEELBASE_M
+    tilt = 0.5 * (y[1] + y[3] - y[0] - y[2]) / _TRACK_M
+    forward = np.array([np.sin(heading), rise, np.cos(heading)])
+    forward /= np.linalg.norm(forward)
+    right = np.array([np.cos(heading), tilt, -np.sin(heading)])
+    right -= forward * (right @ forward)
+    right /= np.linalg.norm(right)
+    rear = ground.course.points(s_m)
+    rear[1] = 0.5 * (y[0] + y[1])
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
+    return transform(rotation, rear + settings.lever_arm_m * forward)
+
+
+def _camera_in_vehicle(mount: Array) -> Array:
+    """(6,) over `AXES` to T_vehicle_camera."""
+    T = Extrinsics(float(mount[0]), float(mount[1]), float(mount[2]), float(mount[3])).T_vehicle_camera
+    T[0, 3] += mount[4]
+    T[2, 3] += mount[5]
+    return T
+
+
+def _truth(ground: Ground, s_m: float, T_world_camera: Array, yaw_rad: float) -> Array:
+    """(4,) height, pitch, roll, yaw over the own lane's plane ahead of s."""
+    normal, offset = ground.lane_plane(s_m)
+    e = Extrinsics.from_plane(Plane(normal, offset).transformed(invert_transform(T_world_camera)), yaw_rad)
+    return np.array([e.height_m, e.pitch_rad, e.roll_rad, e.yaw_rad])

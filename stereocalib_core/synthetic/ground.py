@@ -1,0 +1,131 @@
+"""The road's surface: a ribbon along the course with camber, kerbs, humps and ramps, and its best-fit plane.
+
+The ribbon is the mesh that is rendered; heights are read from that same mesh: truth and picture agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stereocalib_core.synthetic.path import Course
+
+Array = NDArray[np.float64]
+
+LEFT_KERB_M, RIGHT_KERB_M = -5.25, 4.0
+LANE_EDGE_M, CROWN_M = 1.75, -1.75
+PAVEMENT_LEFT_M, PAVEMENT_RIGHT_M = -8.0, 6.6
+HALF_WIDTH_M = 12.8
+_KERB_WIDTH_M = 0.12
+KERB_HEIGHT_M = 0.12
+HUMP_LENGTH_M, HUMP_HEIGHT_M = 3.6, 0.06
+_CAMBER_DROP_M = 0.04
+"""How much lower a lane's edge is than the crown."""
+COLUMNS_M = np.array(
+    [-12.8, -8.0, -5.37, -5.25, -4.3, -3.4, -2.6, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 4.0, 4.12, 6.6, 12.8]
+)
+"""Offsets t of the mesh's columns, to the right of the middle of the car's own lane."""
+AHEAD_M, BEHIND_M = 140.0, 12.0
+"""How much of the ribbon is drawn from the car."""
+FIT_NEAR_M, FIT_FAR_M = 4.0, 20.0
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """The road climbs at `slope` from `start_m`, stays up until `end_m`, and comes down again."""
+
+    start_m: float
+    end_m: float
+    slope: float = 0.12
+    rise_m: float = 1.8
+
+    def height(self, s_m: ArrayLike) -> Array:
+        """Height above the road without the ramp [m]."""
+        s = np.asarray(s_m, dtype=np.float64)
+        up = np.minimum(np.maximum(s - self.start_m, 0.0), np.maximum(self.end_m - s, 0.0)) * self.slope
+        return np.minimum(up, self.rise_m)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ribbon mesh. rows_s_m: (R,); height_m: (R, C) Y of every vertex less the course's own (Y down)."""
+
+    course: Course
+    rows_s_m: Array
+    height_m: Array
+    flat: bool
+
+    def vertices(self) -> Array:
+        """(R, C, 3) world points of the mesh."""
+        return self._at_vertices(self.rows_s_m[:, None], COLUMNS_M[None, :], self.height_m)
+
+    def _at_vertices(self, s: Array, t: Array, extra: Array) -> Array:
+        points = self.course.points(s, t)
+        points[..., 1] += extra
+        return points
+
+    def extra_height(self, s_m: ArrayLike, t_m: ArrayLike) -> Array:
+        """Y of the mesh less the course's own at s, t, bilinear between its vertices."""
+        s, t = np.broadcast_arrays(np.asarray(s_m, dtype=np.float64), np.asarray(t_m, dtype=np.float64))
+        row = np.clip(np.searchsorted(self.rows_s_m, s, side="right") - 1, 0, len(self.rows_s_m) - 2)
+        column = np.clip(np.searchsorted(COLUMNS_M, t, side="right") - 1, 0, len(COLUMNS_M) - 2)
+        a = (s - self.rows_s_m[row]) / (self.rows_s_m[row + 1] - self.rows_s_m[row])
+        b = (t - COLUMNS_M[column]) / (COLUMNS_M[column + 1] - COLUMNS_M[column])
+        h = self.height_m
+        near = (1 - b) * h[row, column] + b * h[row, column + 1]
+        far = (1 - b) * h[row + 1, column] + b * h[row + 1, column + 1]
+        return (1 - a) * near + a * far
+
+    def surface(self, s_m: ArrayLike, t_m: ArrayLike) -> Array:
+        """(..., 3) world points of the road's surface at s, t."""
+        s, t = np.broadcast_arrays(np.asarray(s_m, dtype=np.float64), np.asarray(t_m, dtype=np.float64))
+        return self._at_vertices(s, t, self.extra_height(s, t))
+
+    def lane_plane(self, s_m: float) -> tuple[Array, float]:
+        """The plane that least-squares fits the own lane ahead of s: unit normal (down), offset [m]."""
+        ahead = np.linspace(FIT_NEAR_M, FIT_FAR_M, 65)[:, None]
+        across = np.linspace(-LANE_EDGE_M, LANE_EDGE_M, 29)[None, :]
+        points = self.surface(s_m + ahead, across).reshape(-1, 3)
+        center = points.mean(axis=0)
+        _, _, axes = np.linalg.svd(points - center, full_matrices=False)
+        normal = axes[2] if axes[2][1] > 0 else -axes[2]
+        return normal, float(normal @ center)
+
+
+def build_ground(
+    course: Course, camber: float, humps_s_m: tuple[float, ...], ramps: tuple[Ramp, ...], flat: bool
+) -> Ground:
+    """The ribbon over a course; `flat` has no camber, kerbs or pavement."""
+    end = course.length_m + (AHEAD_M + 10.0 if course.closed else 0.0)
+    start = -BEHIND_M - 5.0 if course.closed else 0.0
+    rows = [start]
+    bent = np.abs(course.curvature) > 1e-3
+    hilly = bool(np.any(course.y_m != course.y_m[0]))
+    marks = [h % course.length_m for h in humps_s_m] + [m for r in ramps for m in (r.start_m, r.end_m)]
+    while rows[-1] < end - 1e-9:
+        s = rows[-1]
+        turning = course.at(bent.astype(np.float64), s % course.length_m) > 0 or hilly
+        near = any(abs((s - m + 3) % course.length_m - 3) < 3.0 for m in marks) or any(
+            r.start_m - 1 < s < r.end_m + 1 for r in ramps
+        )
+        rows.append(min(s + (0.2 if near else 0.5 if turning else 1.0), end))
+    rows_s = np.array(rows)
+    s_m, t = rows_s[:, None], COLUMNS_M[None, :]
+    height = np.zeros((len(rows_s), len(COLUMNS_M)))
+    if not flat:
+        half = LANE_EDGE_M - CROWN_M
+        off = np.abs(t - CROWN_M) / half
+        crown = np.where(off < 1.0, off**2, 2 * off - 1.0) - (CROWN_M / half) ** 2
+        edge = np.maximum(t - RIGHT_KERB_M, LEFT_KERB_M - t)
+        kerb = np.clip(edge / _KERB_WIDTH_M, 0.0, 1.0) * KERB_HEIGHT_M
+        height = height + camber * _CAMBER_DROP_M * np.minimum(crown, 1.5) - kerb
+        on_road = (t > LEFT_KERB_M - 0.01) & (t < RIGHT_KERB_M + 0.01)
+        for hump in humps_s_m:
+            away = np.abs((s_m - hump + course.length_m / 2) % course.length_m - course.length_m / 2)
+            bump = 0.5 + 0.5 * np.cos(2 * np.pi * np.minimum(away / HUMP_LENGTH_M, 0.5))
+            height = height - np.where(on_road, HUMP_HEIGHT_M * bump, 0.0)
+    for ramp in ramps:
+        height = height - ramp.height(s_m)
+    return Ground(course, rows_s, height, flat)
