@@ -11,11 +11,11 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.yaml_file import read_yaml
 
 _STRICT = ConfigDict(extra="forbid")
 
@@ -60,7 +60,7 @@ class ProfileConfig:
     max_pitch_rad: float = 0.19
     min_disparity_px: float = 8.0
     """Farther cells are not used."""
-    corridor_half_width_m: float = 2.5
+    corridor_half_width_m: float = 3.0
     """Cells farther to the side are not used: roads are cambered."""
     search_slopes: int = 48
     """Heights tried between the smallest and the largest, evenly in their logarithm."""
@@ -73,7 +73,7 @@ class ProfileConfig:
     rounds: int = 6
     min_inliers: int = 300
     roll_min_disparity_px: float = 20.0
-    roll_tolerance_px: float = 2.0
+    roll_tolerance_px: float = 1.5
     roll_trials: int = 40
     correlated_cells: float = 30.0
     """Neighbouring cells share their error: so many count as one."""
@@ -121,11 +121,15 @@ class DirectConfig:
     min_scale: float = 0.7
     noise_floor_px: float = 0.01
     initial_unevenness_m: float = 0.004
+    max_unevenness_m: float = 0.008
+    """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""
     uneven_length_m: float = 0.7
     """Road heights closer than this rise and fall together."""
     covariance_factor: float = 1.0
     min_patches: int = 40
     agree_height_m: float = 0.06
+    min_agreement: float = 0.75
+    """A smaller share of the lane's patches within `agree_height_m`: NOT_PLANAR."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -156,16 +160,86 @@ class FilterConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class LaneConfig:
+    """When a plane counts as the road in front of the car."""
+
+    near_m: float = 4.0
+    far_m: float = 20.0
+    near_only_m: float = 12.0
+    """Where the road bends away, the plane of the nearer part up to here is tried."""
+    half_width_m: float = 1.75
+    agree_height_m: float = 0.06
+    agree_px: float = 0.8
+    """A cell agrees within this height or this disparity, whichever is more."""
+    min_covered: float = 0.3
+    """Less of the lane free: NO_ROAD."""
+    min_agreement: float = 0.82
+    """Less of the free lane on the plane: NOT_PLANAR."""
+    min_agreement_near: float = 0.85
+    min_agreeing_cells: int = 200
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ImageConfig:
+    """What a picture needs before it is looked at; grey levels 0...255 of the lower half."""
+
+    min_mean: float = 10.0
+    """Darker: DARK."""
+    max_saturated: float = 0.6
+    """More pixels at 254 or above: SATURATED."""
+    min_gradient: float = 0.8
+    """Mean absolute horizontal difference [grey levels per px]; less: FLAT_TEXTURE."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LimitsConfig:
+    """Where an estimate is not believed: OUT_OF_RANGE, TOO_UNCERTAIN (1 sigma)."""
+
+    min_height_m: float = 0.5
+    max_height_m: float = 3.0
+    max_pitch_rad: float = 0.1745
+    max_roll_rad: float = 0.1745
+    max_height_sigma_m: float = 0.08
+    max_pitch_sigma_rad: float = 0.0105
+    max_roll_sigma_rad: float = 0.0105
+
+
+@dataclass(frozen=True, config=_STRICT)
+class YawConfig:
+    """Mounting yaw by the vanishing point of straight travel."""
+
+    min_travel_m: float = 0.25
+    """Pairs of frames that move less show no direction."""
+    min_radius_m: float = 250.0
+    """Driving is straight where its curve has a larger radius."""
+    min_stretch_m: float = 6.0
+    min_stretch_pairs: int = 8
+    min_pairs: int = 15
+    min_tracks: int = 15
+    """Road tracks that agree on a pair's vanishing point."""
+    tolerance_px: float = 1.0
+    """Largest miss of a track that agrees."""
+    pair_tolerance_deg: float = 1.0
+    """Largest disagreement of a pair with the drive."""
+    systematic_deg: float = 0.005
+    """1 sigma that more driving does not remove."""
+
+
+@dataclass(frozen=True, config=_STRICT)
 class PipelineConfig:
     """Everything a run is set by."""
 
     method: Literal["direct", "paper"] = "direct"
+    images: ImageConfig = ImageConfig()
     disparity: DisparityConfig = DisparityConfig()
     free_map: FreeMapConfig = FreeMapConfig()
     profile: ProfileConfig = ProfileConfig()
+    lane: LaneConfig = LaneConfig()
     direct: DirectConfig = DirectConfig()
+    limits: LimitsConfig = LimitsConfig()
     rectification: RectificationConfig = RectificationConfig()
     filter: FilterConfig = FilterConfig()
+    yaw: YawConfig = YawConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:
@@ -180,12 +254,7 @@ def save(config: PipelineConfig, path: Path) -> None:
 
 def load(path: Path) -> PipelineConfig:
     """Read a whole or partial settings file (JSON or YAML)."""
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError("settings cannot be read", path, error.strerror or "check the path") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError("settings are neither JSON nor YAML", path, str(error)) from error
+    values = read_yaml(path)
     return from_dict({} if values is None else values, path)
 
 

@@ -1,0 +1,245 @@
+"""From one stereo pair to its road: the stages in order, and where and why they give up."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import ImageConfig, LimitsConfig, PipelineConfig
+from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import Check, RoadEstimate
+from stereocalib_core.road import disparity as dense
+from stereocalib_core.road import free_map, lane, uv_disparity
+from stereocalib_core.road.lane import LaneSupport
+from stereocalib_core.road.plane import DirectFit, fit_direct
+from stereocalib_core.road.profile import PaperFit, fit_paper
+from stereocalib_core.road.stages import DisparityMap
+
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RoadResult:
+    """Everything that one pair gave; `estimate` is None exactly when `failure` is not.
+
+    Stages that were not reached are None. `timing_ms` names the stages that ran.
+    """
+
+    estimate: RoadEstimate | None
+    failure: Failure | None
+    disparity: DisparityMap | None
+    u_counts: NDArray[np.int32] | None
+    obstacles: Mask | None
+    free: Mask | None
+    road: Mask | None
+    paper: PaperFit | None
+    direct: DirectFit | None
+    free_fraction: float | None
+    checks: tuple[Check, ...]
+    timing_ms: dict[str, float]
+
+
+class _Attempt:
+    """What has been found so far of one pair; filled in by `estimate_road`."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, object] = {}
+        self.checks: list[Check] = []
+        self.timing_ms: dict[str, float] = {}
+        self._mark = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.timing_ms[stage] = self.timing_ms.get(stage, 0.0) + 1e3 * (now - self._mark)
+        self._mark = now
+
+    def check(
+        self,
+        stage: str,
+        name: str,
+        value: float,
+        low: float | None = None,
+        high: float | None = None,
+        unit: str = "",
+    ) -> bool:
+        result = Check(stage, name, float(value), low, high, unit)
+        self.checks.append(result)
+        return result.ok
+
+    def failed(self, reason: FailureReason, detail: str) -> RoadResult:
+        return self.result(None, Failure(reason, detail))
+
+    def result(self, estimate: RoadEstimate | None, failure: Failure | None) -> RoadResult:
+        names = ("disparity", "u_counts", "obstacles", "free", "road", "paper", "direct", "free_fraction")
+        found = {name: self.values.get(name) for name in names}
+        return RoadResult(
+            estimate=estimate, failure=failure, checks=tuple(self.checks), timing_ms=self.timing_ms, **found  # type: ignore[arg-type]
+        )  # fmt: skip
+
+
+def look(image: Grey, config: ImageConfig) -> tuple[float, float, float]:
+    """Mean grey, share of saturated pixels and mean |horizontal difference| of the lower half, every 2nd row."""
+    lower = image[image.shape[0] // 2 :: 2]
+    step = np.abs(np.diff(lower[:, ::2].astype(np.int16), axis=1)) * 0.5
+    return float(lower.mean()), float(np.mean(lower >= 254)), float(step.mean())
+
+
+def _unusable(attempt: _Attempt, left: Grey, right: Grey, config: ImageConfig) -> Failure | None:
+    """DARK, SATURATED or FLAT_TEXTURE, by the worse of the two pictures."""
+    looks = np.array([look(left, config), look(right, config)])
+    mean, saturated, gradient = looks[:, 0].min(), looks[:, 1].max(), looks[:, 2].min()
+    if not attempt.check("image", "mean grey", mean, low=config.min_mean):
+        return Failure(FailureReason.DARK, f"mean grey {mean:.1f}, needs {config.min_mean:g}")
+    if not attempt.check("image", "saturated share", saturated, high=config.max_saturated):
+        return Failure(
+            FailureReason.SATURATED, f"{saturated:.0%} saturated, at most {config.max_saturated:.0%}"
+        )
+    if not attempt.check("image", "texture", gradient, low=config.min_gradient, unit="grey/px"):
+        return Failure(
+            FailureReason.FLAT_TEXTURE, f"texture {gradient:.2f} grey/px, needs {config.min_gradient:g}"
+        )
+    return None
+
+
+def limits_failure(
+    extrinsics: Extrinsics, sigma: NDArray[np.float64], limits: LimitsConfig
+) -> Failure | None:
+    """OUT_OF_RANGE or TOO_UNCERTAIN, or None for an estimate that may be believed."""
+    e = extrinsics
+    inside = (
+        limits.min_height_m <= e.height_m <= limits.max_height_m
+        and abs(e.pitch_rad) <= limits.max_pitch_rad
+        and abs(e.roll_rad) <= limits.max_roll_rad
+    )
+    if not inside:
+        return Failure(
+            FailureReason.OUT_OF_RANGE,
+            f"height {e.height_m:.2f} m, pitch {e.pitch_deg:.1f} deg, roll {e.roll_deg:.1f} deg",
+        )
+    highest = (limits.max_height_sigma_m, limits.max_pitch_sigma_rad, limits.max_roll_sigma_rad)
+    if not np.all(sigma <= highest):
+        h, p, r = sigma[0], *np.rad2deg(sigma[1:])
+        return Failure(
+            FailureReason.TOO_UNCERTAIN, f"sigma of height {h:.3f} m, pitch {p:.2f} deg, roll {r:.2f} deg"
+        )
+    return None
+
+
+def _paper_on_lane(
+    attempt: _Attempt, disparity: DisparityMap, free: Mask, camera: StereoCamera, config: PipelineConfig
+) -> tuple[PaperFit, LaneSupport, float] | Failure:
+    """The paper's fit with its support; where the road bends away, that of the nearer part. The last is how far [m]."""
+    limits = config.lane
+    fit = fit_paper(disparity, free, camera, config.profile)
+    if fit is None:
+        return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the free map")
+    attempt.values["paper"] = fit
+    # A plane outside the limits has no lane to count.
+    out_of_range = limits_failure(fit.extrinsics, np.zeros(3), config.limits)
+    support = lane.measure(disparity, free, camera, fit.extrinsics, limits.far_m, limits)
+    far_m = limits.far_m
+    if out_of_range is not None or support.agreement < limits.min_agreement:
+        d_near = camera.focal_px * camera.baseline_m / limits.near_only_m
+        near_fit = fit_paper(
+            disparity, free, camera, dataclasses.replace(config.profile, min_disparity_px=d_near)
+        )
+        if near_fit is not None and limits_failure(near_fit.extrinsics, np.zeros(3), config.limits) is None:
+            near = lane.measure(disparity, free, camera, near_fit.extrinsics, limits.near_only_m, limits)
+            if near.agreement >= limits.min_agreement_near:
+                fit, support, far_m, out_of_range = near_fit, near, limits.near_only_m, None
+    attempt.values["paper"] = fit
+    if out_of_range is not None:
+        return out_of_range
+    needed = limits.min_agreement if far_m == limits.far_m else limits.min_agreement_near
+    covered = attempt.check("lane", "free share of the lane", support.covered, low=limits.min_covered)
+    planar = attempt.check("lane", "lane on the plane", support.agreement, low=needed)
+    enough = attempt.check("lane", "agreeing cells", support.agreeing, low=limits.min_agreeing_cells)
+    if not covered:
+        return Failure(FailureReason.NO_ROAD, f"only {support.covered:.0%} of the lane is free")
+    if not planar:
+        return Failure(
+            FailureReason.NOT_PLANAR,
+            f"{support.agreement:.0%} of the free lane on one plane, needs {needed:.0%}",
+        )
+    if not enough:
+        return Failure(
+            FailureReason.NO_ROAD, f"{support.agreeing} cells of road, needs {limits.min_agreeing_cells}"
+        )
+    return fit, support, far_m
+
+
+def estimate_road(left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig) -> RoadResult:
+    """(H, W) uint8 grey pair to its road by `config.method`; a pair without a road says why."""
+    attempt = _Attempt()
+    failure = _unusable(attempt, left, right, config.images)
+    attempt.lap("image")
+    if failure is not None:
+        return attempt.result(None, failure)
+
+    disparity = dense.compute(left, right, camera, config.disparity)
+    attempt.values["disparity"] = disparity
+    attempt.lap("disparity")
+    lower = disparity.values[disparity.values.shape[0] // 2 :]
+    valid = float(np.mean(lower > 0))
+    if not attempt.check(
+        "disparity", "valid share, lower half", valid, low=config.disparity.min_valid_fraction
+    ):
+        return attempt.failed(FailureReason.NO_DISPARITY, f"{valid:.0%} of the lower half has a disparity")
+
+    bin_px = config.free_map.bin_px
+    bins = int(np.ceil(config.disparity.max_disparity_px / bin_px))
+    u_counts = uv_disparity.u_disparity(disparity.values, bin_px, bins)
+    obstacles, free = free_map.separate(disparity, u_counts, bin_px, camera, config.free_map)
+    attempt.values.update(u_counts=u_counts, obstacles=obstacles, free=free)
+    attempt.lap("free_map")
+
+    found = _paper_on_lane(attempt, disparity, free, camera, config)
+    attempt.lap("profile")
+    if isinstance(found, Failure):
+        return attempt.result(None, found)
+    fit, support, far_m = found
+    extrinsics, covariance, inliers = fit.extrinsics, fit.covariance, fit.profile.inliers
+    road, free_fraction = lane.road_mask(disparity, free, camera, extrinsics, config.lane)
+    attempt.values.update(road=road, free_fraction=free_fraction)
+
+    if config.method == "direct":
+        settings = dataclasses.replace(config.direct, far_m=min(config.direct.far_m, far_m))
+        direct = fit_direct(left, right, camera, extrinsics, road, disparity.step_px, settings)
+        attempt.values["direct"] = direct
+        attempt.lap("direct")
+        if direct is None:
+            return attempt.failed(FailureReason.FLAT_TEXTURE, "too few patches of the lane have texture")
+        if not attempt.check(
+            "direct", "patches on the plane", direct.agreement, low=config.direct.min_agreement
+        ):
+            return attempt.failed(
+                FailureReason.NOT_PLANAR,
+                f"{direct.agreement:.0%} of the lane's patches on one plane, needs {config.direct.min_agreement:.0%}",
+            )
+        extrinsics, covariance = direct.extrinsics, direct.covariance
+        inliers = int(np.count_nonzero(direct.patches.weight))
+
+    sigma = np.sqrt(np.diag(covariance))
+    limits = config.limits
+    attempt.check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")
+    attempt.check("estimate", "height sigma", sigma[0], high=limits.max_height_sigma_m, unit="m")
+    attempt.check(
+        "estimate",
+        "pitch sigma",
+        np.rad2deg(sigma[1]),
+        high=np.rad2deg(limits.max_pitch_sigma_rad),
+        unit="deg",
+    )
+    attempt.check(
+        "estimate", "roll sigma", np.rad2deg(sigma[2]), high=np.rad2deg(limits.max_roll_sigma_rad), unit="deg"
+    )
+    failure = limits_failure(extrinsics, sigma, limits)
+    if failure is not None:
+        return attempt.result(None, failure)
+    return attempt.result(RoadEstimate(extrinsics, covariance, inliers, free_fraction, support.range_m), None)
