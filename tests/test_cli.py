@@ -78,17 +78,7 @@ def test_help_is_complete_and_fast() -> None:
     top = subprocess.run(
         [sys.executable, "-m", "app.cli", "--help"], capture_output=True, text=True, check=True
     ).stdout
-    for command in [
-        "demo",
-        "view",
-        "run",
-        "compare",
-        "synth",
-        "experiments",
-        "lidar-camera",
-        "view-lidar",
-        "batch",
-    ]:
+    for command in COMMANDS:
         assert re.search(rf"^    {command} +\S", top, re.MULTILINE), command
     assert max(map(len, top.splitlines())) <= 100
 
