@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+import time
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.results import FrameResult
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
+from stereocalib_core.results import Check, FrameResult, RectificationSample, Tracks
+from stereocalib_core.rig.rectification import examine
+from stereocalib_core.road.estimate import RoadResult, estimate_road
 from stereocalib_core.road.stages import RoadStages
+from stereocalib_core.road.uv_disparity import v_disparity
+
+Grey = NDArray[np.uint8]
+
+NOMINAL = Extrinsics(1.65, 0.0, 0.0)
+"""Where tracks start from until a first pair shows the road."""
+
+
+def _same(a: Grey | None, b: Grey | None) -> bool:
+    return a is not None and b is not None and np.array_equal(a[::8], b[::8]) and np.array_equal(a, b)
 
 
 class FrontEnd:
@@ -15,11 +36,95 @@ class FrontEnd:
     def __init__(self, camera: StereoCamera, config: PipelineConfig) -> None:
         self.camera = camera
         self.config = config
+        self._tracker = TrackerState()
+        self._road = NOMINAL
+        self._previous: tuple[Grey | None, Grey | None] = (None, None)
 
     def step(self, frame: StereoFrame) -> FrameResult:
         """One pair to its result; never raises for a bad frame."""
-        raise ValueError(frame.index)
+        result, _ = self._step(frame)
+        return result
+
+    def _step(self, frame: StereoFrame) -> tuple[FrameResult, RoadResult | None]:
+        left, right = frame.left, frame.right
+        if frame.failure is not None or left is None or right is None:
+            missing = frame.failure or Failure(FailureReason.UNREADABLE, "no pictures")
+            return FrameResult(frame.index, frame.timestamp_s, None, missing), None
+        began = time.perf_counter()
+        failure = self._frozen(left, right)
+        sample: RectificationSample | None = None
+        checks: tuple[Check, ...] = ()
+        if failure is None:
+            examined = examine(self.camera, left, right, self.config.rectification)
+            failure, sample, checks = examined.failure, examined.sample, examined.checks
+        timing = {"rectification": 1e3 * (time.perf_counter() - began)}
+        if failure is not None:
+            return FrameResult(
+                frame.index, frame.timestamp_s, None, failure, rectification=sample, checks=checks,
+                timing_ms=MappingProxyType(timing),
+            ), None  # fmt: skip
+        road = estimate_road(left, right, self.camera, self.config)
+        timing |= road.timing_ms
+        began = time.perf_counter()
+        tracks = self._track(frame.index, left, right, road)
+        timing["tracks"] = 1e3 * (time.perf_counter() - began)
+        inliers = None if road.estimate is None else road.estimate.inliers
+        return FrameResult(
+            frame.index, frame.timestamp_s, road.estimate, road.failure, road.free_fraction, inliers, sample,
+            tracks, checks + road.checks, MappingProxyType(timing),
+        ), road  # fmt: skip
+
+    def _frozen(self, left: Grey, right: Grey) -> Failure | None:
+        """One camera repeats its picture while the other goes on; both at once is a pair as good as before."""
+        same = (_same(left, self._previous[0]), _same(right, self._previous[1]))
+        self._previous = (left, right)
+        if same[0] == same[1]:
+            return None
+        return Failure(
+            FailureReason.FROZEN, f"the {'left' if same[0] else 'right'} camera repeats its last picture"
+        )
+
+    def _track(self, index: int, left: Grey, right: Grey, road: RoadResult) -> Tracks | None:
+        if road.disparity is None:
+            return None
+        if road.estimate is not None:
+            self._road = road.estimate.extrinsics
+        view = PairView(index, left, right, road.disparity, self._road, road.estimate is not None)
+        self._tracker, tracks = advance(self.camera, self._tracker, view)
+        return tracks
 
     def stages(self, frame: StereoFrame) -> RoadStages | None:
-        """Every intermediate picture of one pair, for display; None where there are no images."""
-        raise ValueError(frame.index)
+        """Every intermediate picture of one pair, for display; None where there is no disparity to show."""
+        if frame.left is None or frame.right is None or frame.failure is not None:
+            return None
+        return road_stages(estimate_road(frame.left, frame.right, self.camera, self.config), self.config)
+
+
+def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:
+    """The display form of a `RoadResult`."""
+    if road.disparity is None or road.u_counts is None or road.free is None or road.obstacles is None:
+        return None
+    bin_px = config.free_map.bin_px
+    bins = len(road.u_counts)
+    values = road.disparity.values
+    profile = None if road.paper is None else (road.paper.profile.slope, road.paper.profile.intercept_px)
+    return RoadStages(
+        disparity=road.disparity,
+        bin_px=bin_px,
+        u_disparity=road.u_counts,
+        v_disparity=v_disparity(values, road.free, bin_px, bins),
+        v_disparity_whole=v_disparity(values, values > 0, bin_px, bins),
+        obstacles=road.obstacles,
+        free=road.free,
+        road=np.zeros_like(road.free) if road.road is None else road.road,
+        profile=profile,
+        paper=None if road.paper is None else road.paper.extrinsics,
+        estimate=road.estimate,
+        failure=road.failure,
+        checks=road.checks,
+    )
+
+
+def with_method(config: PipelineConfig, method: str) -> PipelineConfig:
+    """The same settings with another `--method`."""
+    return dataclasses.replace(config, method=method)  # type: ignore[arg-type]

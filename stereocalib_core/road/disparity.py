@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +17,8 @@ _SUBPIXEL = 16.0
 
 
 @lru_cache(maxsize=8)
-def _matcher(first: int, count: int, config: DisparityConfig) -> cv2.StereoSGBM:
-    return cv2.StereoSGBM_create(
+def _matcher(first: int, count: int, config: DisparityConfig) -> Any:
+    return cv2.StereoSGBM.create(
         minDisparity=first,
         numDisparities=count,
         blockSize=config.block_size,
@@ -30,7 +31,10 @@ def _matcher(first: int, count: int, config: DisparityConfig) -> cv2.StereoSGBM:
 def half_size(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(H, W) to (H // 2, W // 2) by 2x2 means; an odd last row or column is cut, so that cell centres are exact."""
     even = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
-    return cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(
+        cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA),
+        dtype=np.uint8,
+    )
 
 
 def compute(

@@ -209,7 +209,7 @@ def _solve(
         robust = _tukey(residual, config.tukey * scale)
         w = robust / variance
         H = (J * w[:, None]).T @ J
-        x = np.linalg.solve(H, (J * w[:, None]).T @ offset)
+        x = np.asarray(np.linalg.solve(H, (J * w[:, None]).T @ offset), dtype=np.float64)
     return x, robust, scale
 
 

@@ -94,10 +94,7 @@ def _vote_lines(
     rows: int,
     every: int,
 ) -> Float:
-    """Hough votes (tilt, slope, intercept) of every n-th cell for the line v = slope d + tilt (u - cx) + intercept.
-
-    A cell weighs 1 / d: a road fills the corridor at every distance, and the corridor widens with d.
-    """
+    """Hough votes (tilt, slope, intercept) of every n-th cell for the line v = slope d + tilt (u - cx) + intercept."""
     votes = np.zeros((len(tilts), len(slopes), rows))
     for k in range(0, len(v), every):
         weight = 1.0
@@ -225,7 +222,7 @@ def _slopes_at_fixed_disparity(
                 v[k] - profile_slope * (d[k] - (b + first)) - (intercept + profile_slope * (b + first))
             )
             fill[b] += 1
-    np.random.seed(2)
+    np.random.seed(2)  # noqa: NPY002 - numba knows only the legacy generator
     for b in range(count):
         lo, hi = starts[b], starts[b + 1]
         n = hi - lo
@@ -233,7 +230,7 @@ def _slopes_at_fixed_disparity(
             continue
         best, slope, offset = -1, 0.0, 0.0
         for _ in range(trials):
-            i, j = lo + np.random.randint(n), lo + np.random.randint(n)
+            i, j = lo + np.random.randint(n), lo + np.random.randint(n)  # noqa: NPY002
             if abs(x[i] - x[j]) < 20.0:
                 continue
             c = (y[i] - y[j]) / (x[i] - x[j])

@@ -26,11 +26,11 @@ class DisparityMap:
 
     def columns_u(self) -> NDArray[np.float64]:
         """(w,) image u [px] of the cell centres."""
-        return (np.arange(self.values.shape[1]) + 0.5) * self.step_px - 0.5
+        return (np.arange(self.values.shape[1], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
 
     def rows_v(self) -> NDArray[np.float64]:
         """(h,) image v [px] of the cell centres."""
-        return (np.arange(self.values.shape[0]) + 0.5) * self.step_px - 0.5
+        return (np.arange(self.values.shape[0], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
 
 
 @dataclass(frozen=True)
