@@ -1,1 +1,30 @@
-"""lidar_camera."""
+"""Camera to 3-D LiDAR by chessboard planes (Zheng et al. 2018, and beyond it).
+
+`detect` looks at every picture and cloud once; `calibrate` solves for any choice of the pairs in
+milliseconds; `run` does both from a folder and writes the report.
+"""
+
+from stereocalib_core.lidar_camera.calibrate import calibrate, ticked_mask
+from stereocalib_core.lidar_camera.calibration import Calibration, HeldOut, PairResult
+from stereocalib_core.lidar_camera.camera import BoardCamera
+from stereocalib_core.lidar_camera.detect import Detection, detect
+from stereocalib_core.lidar_camera.folder import BoardFolder, open_folder
+from stereocalib_core.lidar_camera.observability import Observability
+from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation, PlaneEstimate
+from stereocalib_core.lidar_camera.refine import Iteration, Noise
+from stereocalib_core.lidar_camera.run import run
+
+__all__ = [
+    "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Noise",
+    "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect", "open_folder",
+    "run", "ticked_mask", "warm_up",
+]  # fmt: skip
+
+
+def warm_up() -> None:
+    """Compile what is compiled: the unpacker of compressed PCD files."""
+    import numpy as np
+
+    from stereocalib_core.lidar_camera.pcd import lzf_decompress
+
+    lzf_decompress(np.array([0, 7], dtype=np.uint8), 1)
