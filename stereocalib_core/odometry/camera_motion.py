@@ -9,15 +9,16 @@ Gauss-Newton with Cauchy weights on the reprojection error:
 
 Arrays are those of `PackedTracks`: `rays` (5, M) holds x, y, inverse depth, x', y' in normalised
 coordinates. A motion of the camera is (rotation vector, translation) of T_current_previous. Frames are
-solved in parallel; within a frame every sum has a fixed order, so a result repeats bit for bit.
+solved in parallel, each by one worker in a fixed order, so a result repeats bit for bit.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.small_algebra import (
     rotation_from_vector,
     solve_symmetric,
@@ -26,6 +27,12 @@ from stereocalib_core.odometry.small_algebra import (
 
 Array = NDArray[np.float64]
 
+NOISE_PX = 0.4
+"""Typical residual of a track."""
+
+SCALE_SIGMA = 0.003
+"""How far the depths of points off the road may differ from those of the road, as a factor."""
+
 CAUCHY_PX = 1.0
 """Residual at which a point's weight is one half."""
 
@@ -33,7 +40,7 @@ MAX_ITERATIONS = 12
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _accumulate(
     rays: Array,
     first: int,
@@ -42,6 +49,7 @@ def _accumulate(
     R: Array,
     t: Array,
     depth: float,
+    scaled: bool,
     weights: Array,
     H: Array,
     g: Array,
@@ -57,7 +65,6 @@ def _accumulate(
     r20, r21, r22 = R[2, 0], R[2, 1], R[2, 2]
     t0, t1, t2 = t[0], t[1], t[2]
     p0, p1, p2 = plane[0], plane[1], plane[2]
-    on_plane = p0 != 0.0 or p1 != 0.0 or p2 != 0.0
     scale, share = weights[0], weights[1]
     a = np.zeros(28)
     b = np.zeros(7)
@@ -65,7 +72,7 @@ def _accumulate(
     total = 0.0
     for k in range(first, last):
         x, y = rays[0, k], rays[1, k]
-        inverse = p0 * x + p1 * y + p2 if on_plane else depth * rays[2, k]
+        inverse = depth * rays[2, k] + p0 * x + p1 * y + p2
         if not inverse > 1e-4:
             continue
         qz = r20 * x + r21 * y + r22 + t2 * inverse
@@ -109,7 +116,7 @@ def _accumulate(
         b[3] += w * u3 * ru
         b[4] += w * v4 * rv
         b[5] += w * (u5 * ru + v5 * rv)
-        if not on_plane:
+        if scaled:
             u6, v6 = s * (t0 - X * t2), s * (t1 - Y * t2)
             a[21] += w * (u6 * u0 + v6 * v0)
             a[22] += w * (u6 * u1 + v6 * v1)
@@ -128,7 +135,7 @@ def _accumulate(
     return cost, total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _update(R: Array, t: Array, step: Array) -> Array:
     """Left update of (R, t); changes t in place and returns the new R."""
     E = rotation_from_vector(step[:3])
@@ -138,13 +145,27 @@ def _update(R: Array, t: Array, step: Array) -> Array:
     return E @ R
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def road_scale(rays: Array, first: int, last: int, tilt: Array) -> float:
+    """How much larger the road's inverse depths become by `tilt`, as one factor; near points count most."""
+    before = 0.0
+    after = 0.0
+    for k in range(first, last):
+        w = rays[2, k]
+        if w > 0.0:
+            changed = max(w + tilt[0] * rays[0, k] + tilt[1] * rays[1, k] + tilt[2], 0.2 * w)
+            before += w * w
+            after += w * changed
+    return after / before if before > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True)
 def full_pair(
     rays: Array,
     first: int,
     road_end: int,
     last: int,
-    plane: Array,
+    tilt: Array,
     motion: Array,
     focal_px: float,
     road_share: float,
@@ -160,33 +181,31 @@ def full_pair(
     R = rotation_from_vector(motion[:3])
     t = motion[3:].copy()
     scale = (focal_px / cauchy_px) ** 2
-    free_scale = road_end - first >= 8 and (plane[0] != 0.0 or plane[1] != 0.0 or plane[2] != 0.0)
-    size = 7 if free_scale and last - road_end >= 8 else 6
+    size = 7 if road_end - first >= 8 and last - road_end >= 8 else 6
+    start = road_scale(rays, first, road_end, tilt) if road_end > first else 1.0
+    depth = start
+    # in the units of the residuals, which are taken as `NOISE_PX`
+    prior = (NOISE_PX / focal_px / SCALE_SIGMA) ** 2
     none = np.zeros(3)
     H = np.zeros((7, 7))
     g = np.zeros(7)
     step = np.zeros(7)
     road = np.array([scale, road_share])
     rest = np.array([scale, 1.0])
-    depth = 1.0
     variance = -1.0
     for _ in range(MAX_ITERATIONS):
         H[:] = 0.0
         g[:] = 0.0
-        if free_scale:
-            cost, total = _accumulate(rays, first, road_end, plane, R, t, 1.0, road, H, g)
-            if size == 7:
-                more, weight = _accumulate(rays, road_end, last, none, R, t, depth, rest, H, g)
-                cost, total = cost + more, total + weight
-        else:
-            cost, total = _accumulate(rays, first, last, none, R, t, 1.0, rest, H, g)
+        cost, total = _accumulate(rays, first, road_end, tilt, R, t, 1.0, False, road, H, g)
+        more, weight = _accumulate(rays, road_end, last, none, R, t, depth, size == 7, rest, H, g)
+        cost, total = cost + more, total + weight
+        H[6, 6] += prior
+        g[6] -= prior * np.log(depth / start)
         for i in range(6):
             H[i, i] += 1e-9
             for j in range(i + 1):
                 information[i, j] = information[j, i] = H[i, j]
         if size == 7:
-            # at rest the factor has no effect on the image: hold it where it is
-            H[6, 6] += 1e-6
             for i in range(6):
                 for j in range(6):
                     information[i, j] -= H[6, i] * H[6, j] / H[6, 6]
@@ -206,25 +225,23 @@ def full_pair(
     return variance
 
 
-@njit(cache=True, parallel=True)
-def solve_full(
+@njit(cache=True, nogil=True)
+def _solve_full(
+    first: int,
+    last: int,
     rays: Array,
     start: NDArray[np.int64],
     road_end: NDArray[np.int64],
     active: NDArray[np.bool_],
-    planes: Array,
+    tilts: Array,
     initial: Array,
     focal_px: float,
     road_share: float,
-) -> tuple[Array, Array]:
-    """Every active pair by `full_pair`: (N, 7) motion and whether solved, (N, 6, 6) covariance.
-
-    planes: (N, 3) normal / height of the road in the previous frame of each pair, zero = unknown.
-    """
-    n = len(start) - 1
-    motions = np.zeros((n, 7))
-    covariances = np.zeros((n, 6, 6))
-    for i in prange(n):
+    motions: Array,
+    covariances: Array,
+) -> None:
+    """Rows first ... last of `solve_full`, written in place."""
+    for i in range(first, last):
         if not active[i]:
             continue
         motion = initial[i, :6].copy()
@@ -234,7 +251,7 @@ def solve_full(
             start[i],
             road_end[i],
             start[i + 1],
-            planes[i],
+            tilts[i],
             motion,
             focal_px,
             road_share,
@@ -245,22 +262,59 @@ def solve_full(
             motions[i, :6] = motion
             motions[i, 6] = 1.0
             covariances[i] = np.linalg.inv(information) * variance
+
+
+def solve_full(
+    rays: Array,
+    start: NDArray[np.int64],
+    road_end: NDArray[np.int64],
+    active: NDArray[np.bool_],
+    tilts: Array,
+    initial: Array,
+    focal_px: float,
+    road_share: float,
+) -> tuple[Array, Array]:
+    """Every active pair by `full_pair`: (N, 7) motion and whether solved, (N, 6, 6) covariance.
+
+    planes: (N, 3) normal / height of the road in the previous frame of each pair, zero = unknown.
+    """
+    n = len(start) - 1
+    motions, covariances = np.zeros((n, 7)), np.zeros((n, 6, 6))
+
+    def work(first: int, last: int) -> None:
+        _solve_full(
+            first,
+            last,
+            rays,
+            start,
+            road_end,
+            active,
+            tilts,
+            initial,
+            focal_px,
+            road_share,
+            motions,
+            covariances,
+        )
+
+    in_chunks(work, n)
     return motions, covariances
 
 
-@njit(cache=True, parallel=True)
-def solve_stereo(
+@njit(cache=True, nogil=True)
+def _solve_stereo(
+    first: int,
+    last: int,
     rays: Array,
     start: NDArray[np.int64],
     previous: NDArray[np.int64],
     still: NDArray[np.bool_],
     focal_px: float,
     min_points: int,
-) -> Array:
-    """(N, 7) motion of every pair from measured disparities alone, and whether it was solved."""
-    n = len(start) - 1
-    motions = np.zeros((n, 7))
-    for i in prange(n):
+    motions: Array,
+) -> None:
+    """Rows first ... last of `solve_stereo`, written in place."""
+    for i in range(first, last):
         count = 0
         for k in range(start[i], start[i + 1]):
             count += rays[2, k] > 0.0
@@ -289,4 +343,22 @@ def solve_stereo(
         if solved:
             motions[i, :6] = motion
             motions[i, 6] = 1.0
+
+
+def solve_stereo(
+    rays: Array,
+    start: NDArray[np.int64],
+    previous: NDArray[np.int64],
+    still: NDArray[np.bool_],
+    focal_px: float,
+    min_points: int,
+) -> Array:
+    """(N, 7) motion of every pair from measured disparities alone, and whether it was solved."""
+    n = len(start) - 1
+    motions = np.zeros((n, 7))
+
+    def work(first: int, last: int) -> None:
+        _solve_stereo(first, last, rays, start, previous, still, focal_px, min_points, motions)
+
+    in_chunks(work, n)
     return motions

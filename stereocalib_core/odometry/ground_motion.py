@@ -14,9 +14,10 @@ an arc and the camera sits the lever arm ahead of it, to first order x = yaw z +
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.small_algebra import solve_symmetric
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ MAX_ITERATIONS = 12
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _accumulate(
     rays: Array, first: int, last: int, e0: Array, e1: Array, motion: Array, scale: float, H: Array, g: Array
 ) -> tuple[float, float]:
@@ -88,7 +89,7 @@ def _accumulate(
     return cost, total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def arc(distance: float, heading: float, yaw: float, lever: float, motion: Array, D: Array) -> None:
     """Motion (x, z, heading) of the camera when its rear axle moves `distance` along an arc, and D (3, 2) its
     derivative by distance and heading."""
@@ -102,7 +103,7 @@ def arc(distance: float, heading: float, yaw: float, lever: float, motion: Array
     D[0, 1], D[1, 1], D[2, 1] = cy * xh + sy * zh, -sy * xh + cy * zh, 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def planar_pair(
     rays: Array,
     first: int,
@@ -160,7 +161,33 @@ def planar_pair(
     return True
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
+def _solve_planar(
+    first: int,
+    last: int,
+    rays: Array,
+    start: NDArray[np.int64],
+    road_end: NDArray[np.int64],
+    previous: NDArray[np.int64],
+    active: NDArray[np.bool_],
+    extrinsics: Array,
+    initial: Array,
+    lever: float,
+    focal_px: float,
+    motions: Array,
+    covariances: Array,
+) -> None:
+    """Rows first ... last of `solve_planar`, written in place."""
+    for i in range(first, last):
+        if not active[i]:
+            continue
+        motion = initial[i].copy()
+        e0, e1 = extrinsics[previous[i]], extrinsics[i]
+        if planar_pair(rays, start[i], road_end[i], e0, e1, lever, focal_px, motion, covariances[i]):
+            motions[i, :3] = motion
+            motions[i, 3] = 1.0
+
+
 def solve_planar(
     rays: Array,
     start: NDArray[np.int64],
@@ -175,82 +202,27 @@ def solve_planar(
     """Every active pair by `planar_pair`.
 
     extrinsics: (N, 4) of every frame. initial: (N, 3). Returns (N, 4) x, z [m], heading [rad] of
-    T_road0_road1
-    and 1 where solved, and the (N, 3, 3) covariance.
+    T_road0_road1 and 1 where solved, and the (N, 3, 3) covariance.
     """
     n = len(start) - 1
-    motions = np.zeros((n, 4))
-    covariances = np.zeros((n, 3, 3))
-    for i in prange(n):
-        if not active[i]:
-            continue
-        motion = initial[i].copy()
-        e0, e1 = extrinsics[previous[i]], extrinsics[i]
-        if planar_pair(rays, start[i], road_end[i], e0, e1, lever, focal_px, motion, covariances[i]):
-            motions[i, :3] = motion
-            motions[i, 3] = 1.0
+    motions, covariances = np.zeros((n, 4)), np.zeros((n, 3, 3))
+
+    def work(first: int, last: int) -> None:
+        _solve_planar(
+            first,
+            last,
+            rays,
+            start,
+            road_end,
+            previous,
+            active,
+            extrinsics,
+            initial,
+            lever,
+            focal_px,
+            motions,
+            covariances,
+        )
+
+    in_chunks(work, n)
     return motions, covariances
-
-
-@njit(cache=True, fastmath=_FAST)
-def _add_plane(
-    x: Array, y: Array, inverse: Array, plane: Array, first: int, last: int, scale: float, H: Array, g: Array
-) -> float:
-    """Add the normal equations of inverse = plane . (x, y, 1); returns the sum of weights."""
-    total = 0.0
-    for k in range(first, last):
-        if not inverse[k] > 0.0:
-            continue
-        r = inverse[k] - plane[0] * x[k] - plane[1] * y[k] - plane[2]
-        w = 1.0 / (1.0 + r * r * scale)
-        total += w
-        H[0, 0] += w * x[k] * x[k]
-        H[1, 0] += w * y[k] * x[k]
-        H[1, 1] += w * y[k] * y[k]
-        H[2, 0] += w * x[k]
-        H[2, 1] += w * y[k]
-        H[2, 2] += w
-        g[0] += w * x[k] * r
-        g[1] += w * y[k] * r
-        g[2] += w * r
-    return total
-
-
-@njit(cache=True, parallel=True)
-def fit_planes(
-    rays: Array,
-    current_inverse: Array,
-    start: NDArray[np.int64],
-    road_end: NDArray[np.int64],
-    following: NDArray[np.int64],
-    cauchy: float,
-) -> Array:
-    """(N, 4) normal / height [1/m] of the road by the road tracks' own disparities, and the points behind it.
-
-    following: (N,) the pair whose previous frame is this one, -1 = none. cauchy: scale of the residual [1/m].
-    """
-    n = len(start) - 1
-    planes = np.zeros((n, 4))
-    for i in prange(n):
-        H = np.zeros((3, 3))
-        g = np.zeros(3)
-        step = np.zeros(3)
-        plane = np.zeros(3)
-        total = 0.0
-        solved = True
-        for iteration in range(6):
-            H[:] = 0.0
-            g[:] = 0.0
-            scale = 0.0 if iteration == 0 else 1.0 / cauchy**2
-            total = _add_plane(rays[3], rays[4], current_inverse, plane, start[i], road_end[i], scale, H, g)
-            j = following[i]
-            if j >= 0:
-                total += _add_plane(rays[0], rays[1], rays[2], plane, start[j], road_end[j], scale, H, g)
-            solved = total >= 20.0 and solve_symmetric(H, g, 3, step)
-            if not solved:
-                break
-            plane += step
-        if solved:
-            planes[i, :3] = plane
-            planes[i, 3] = total
-    return planes

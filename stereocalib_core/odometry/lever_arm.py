@@ -80,5 +80,8 @@ def estimate_lever_and_yaw(planar: Trajectory) -> LeverYaw | None:
         if np.abs(step).max() < 1e-9:
             break
     return LeverYaw(
-        float(solution[0]), float(solution[1]), np.linalg.inv(inverse_cov), int(np.count_nonzero(use))
+        float(solution[0]),
+        float(solution[1]),
+        np.asarray(np.linalg.inv(inverse_cov), dtype=np.float64),
+        int(np.count_nonzero(use)),
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.odometry.camera_motion import solve_stereo
-from stereocalib_core.odometry.ground_motion import fit_planes
+from stereocalib_core.odometry.road_planes import fit_planes
 from stereocalib_core.results import FrameResult, Tracks
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rotation_from_vector(w: Array) -> Array:
     """(3,) rotation vector [rad] to (3, 3), Rodrigues' formula."""
     R = np.eye(3)
@@ -31,7 +31,7 @@ def rotation_from_vector(w: Array) -> Array:
     return R
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def vector_from_rotation(R: Array) -> Array:
     """(3, 3) to (3,) rotation vector [rad], for angles well below pi."""
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) * 0.5
@@ -42,7 +42,7 @@ def vector_from_rotation(R: Array) -> Array:
     return w
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve_symmetric(H: Array, g: Array, size: int, out: Array) -> bool:
     """Solve H[:size, :size] out = g by Cholesky; False where H is not positive definite. H is overwritten."""
     for i in range(size):

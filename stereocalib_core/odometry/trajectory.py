@@ -179,8 +179,6 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
         )
     known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
     filled = fill_missing(np.asarray(extrinsics, dtype=np.float64))
-    if settings.model == "full" and settings.refine:
-        filled = refined_extrinsics(tracks, filled)
     used = apply_settings(filled, settings)
     rotations = road_rotations(used)
     has_pair = tracks.previous >= 0
@@ -189,7 +187,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
-        motions, covariance = _full(tracks, used, rotations, road, moving)
+        motions, covariance = _full(tracks, used, rotations, road, moving, filled, settings)
         planar = _planar_of(motions, rotations, origin)
         planar_covariance = np.zeros((len(tracks), 3, 3))
     else:
@@ -210,15 +208,30 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
 
 
 def _full(
-    tracks: PackedTracks, used: Array, rotations: Array, road: NDArray[np.bool_], moving: NDArray[np.bool_]
+    tracks: PackedTracks,
+    used: Array,
+    rotations: Array,
+    road: NDArray[np.bool_],
+    moving: NDArray[np.bool_],
+    filled,
+    settings,
 ) -> tuple[Array, Array]:
     """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
     planes = rotations[:, :, 1] / used[:, :1]
-    planes = np.where(road[:, None], planes[np.maximum(tracks.previous, 0)], 0.0)
+    given = road_rotations(filled)[:, :, 1] / filled[:, :1]
+    tilts = np.where(road[:, None], (planes - given)[np.maximum(tracks.previous, 0)], 0.0)
     active = moving & (np.diff(tracks.start) >= MIN_POINTS)
     start = tracks.stereo_motion
+    if not settings.refine:
+        x = tracks.rays.copy()
+        for i in range(len(tracks)):
+            a, b = tracks.start[i], tracks.road_end[i]
+            if b > a:
+                x[2, a:b] = given[tracks.previous[i]] @ np.stack([x[0, a:b], x[1, a:b], np.ones(b - a)])
+    else:
+        x = tracks.rays
     return solve_full(
-        tracks.rays, tracks.start, tracks.road_end, active, planes, start, tracks.camera.focal_px, ROAD_SHARE
+        x, tracks.start, tracks.road_end, active, tilts, start, tracks.camera.focal_px, ROAD_SHARE
     )
 
 
@@ -241,7 +254,7 @@ def _planar(
     return result[:, :3].copy(), covariance, result[:, 3].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _planar_of(motions: Array, rotations: Array, origin: NDArray[np.int64]) -> Array:
     """(N, 3) x, z, heading in the previous road frame of (N, 7) camera motions."""
     result = np.zeros((len(motions), 3))
@@ -256,7 +269,7 @@ def _planar_of(motions: Array, rotations: Array, origin: NDArray[np.int64]) -> A
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _motions_of(planar: Array, extrinsics: Array, rotations: Array, origin: NDArray[np.int64]) -> Array:
     """(N, 7) camera motions of (N, 3) planar ones; each camera stands over the road as its extrinsics say."""
     result = np.zeros((len(planar), 7))
@@ -279,7 +292,7 @@ def _covariance_of(planar: Array, rotations: Array, origin: NDArray[np.int64]) -
     return np.asarray(jacobian @ planar @ np.swapaxes(jacobian, 1, 2))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _chain(motions: Array, previous: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 7) T_current_previous to (N, 4, 4) poses, and which frames were bridged without a pair of
     their own.
