@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Iterable
 from types import MappingProxyType
 
 import numpy as np
@@ -28,6 +29,14 @@ NOMINAL = Extrinsics(1.65, 0.0, 0.0)
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
     return a is not None and b is not None and np.array_equal(a[::8], b[::8]) and np.array_equal(a, b)
+
+
+@dataclasses.dataclass(frozen=True)
+class FrontEndMemory:
+    """tracked: index of the pair that the next tracks start from. motion: (6,) into it per frame, or None."""
+
+    tracked: int | None
+    motion: NDArray[np.float64] | None
 
 
 class FrontEnd:
@@ -92,6 +101,23 @@ class FrontEnd:
         view = PairView(index, left, right, road.disparity, self._road, road.estimate is not None)
         self._tracker, tracks = advance(self.camera, self._tracker, view)
         return tracks
+
+    @property
+    def memory(self) -> FrontEndMemory:
+        """What the next step depends on, small enough to be kept beside every result."""
+        view = self._tracker.view
+        return FrontEndMemory(None if view is None else view.index, self._tracker.motion)
+
+    def recall(self, frames: Iterable[StereoFrame], road: Extrinsics | None, memory: FrontEndMemory) -> None:
+        """Take up a drive where another front end left it, so that the next step gives the same bits.
+
+        frames: again all frames from the remembered pair (or the last readable one) to the last one done.
+        road: the last road measured before these; None = none was.
+        """
+        self._road = NOMINAL if road is None else road
+        for frame in frames:
+            self.step(frame)
+        self._tracker = dataclasses.replace(self._tracker, motion=memory.motion)
 
     def stages(self, frame: StereoFrame) -> RoadStages | None:
         """Every intermediate picture of one pair, for display; None where there is no disparity to show."""
