@@ -9,9 +9,13 @@ def warm_up() -> None:
 
     from stereocalib_core.rig.body_filter import RigFilter
     from stereocalib_core.rig.row_matches import row_matches
+    from stereocalib_core.rig.vanishing_point import vanishing_points
 
     image = np.random.default_rng(0).integers(0, 255, (96, 160), dtype=np.uint8)
     row_matches(image, image, -8.0, 16.0)
     rig = RigFilter()
     for time_s in (0.0, 0.1):
         rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))
+    one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
+    rays = np.ascontiguousarray(np.random.default_rng(0).uniform(0.1, 0.4, (5, 12)))
+    vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3)
