@@ -1,0 +1,144 @@
+"""The back end: from the front end's results of a drive to what its rig is like and where the car went.
+
+Arithmetic over small arrays only; no pixel is touched. The order is a table of contents: filter, yaw and
+lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own rows, the shifts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.evaluation import OdometryErrors, evaluate
+from stereocalib_core.frames import GroundTruth
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.odometry.packing import PackedTracks, pack
+from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
+from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.rig.rectification import RectificationReport, summarise
+from stereocalib_core.rig.smoothing import filter_drive
+from stereocalib_core.rig.yaw import YawEstimate, estimate_yaw
+
+Array = NDArray[np.float64]
+
+NONHOLONOMIC = "_nonholonomic"
+
+
+@dataclass(frozen=True)
+class Drive(DriveAnalysis):
+    """A `DriveAnalysis` with the parts behind it, for whoever draws or varies them.
+
+    extrinsics: (N, 4) height, pitch, roll, yaw that the odometry uses, NaN where nothing is known.
+    paths: every variant of report.json by name.
+    """
+
+    tracks: PackedTracks | None = None
+    extrinsics: Array | None = None
+    yaw: YawEstimate | None = None
+    rectification: RectificationReport | None = None
+    paths: Mapping[str, Trajectory] = dataclasses.field(default_factory=dict)
+    errors: Mapping[str, OdometryErrors] = dataclasses.field(default_factory=dict)
+
+
+def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
+    """Settings of every variant of report.json: the default model, then each again without side slip."""
+    free = {name: dataclasses.replace(s, lever_arm_m=lever_arm_m) for name, s in VARIANTS.items()}
+    bound = {
+        name + NONHOLONOMIC: dataclasses.replace(s, model="nonholonomic", lever_arm_m=lever_arm_m)
+        for name, s in VARIANTS.items()
+    }
+    return free | bound
+
+
+def odometry_extrinsics(filtered: FilteredExtrinsics, yaw_rad: float) -> Array:
+    """(N, 4) height, pitch, roll, yaw per frame, NaN where the filter has nothing."""
+    return np.column_stack([filtered.values, np.full(len(filtered.values), yaw_rad)])
+
+
+def analyse(
+    results: Sequence[FrameResult],
+    camera: StereoCamera,
+    config: PipelineConfig,
+    ground_truth: GroundTruth | None = None,
+    rig: Rig | None = None,
+) -> Drive:
+    """Everything that the whole drive says. `rig` brings yaw and lever arm of an earlier drive of the same rig."""
+    known = rig or Rig()
+    filtered = filter_drive(results, config.filter)
+    tracks = pack(camera, results)
+    yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m)
+    yaw_measured = _yaw(yaw, known)
+    lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
+    extrinsics = odometry_extrinsics(filtered, 0.0 if yaw_measured is None else yaw_measured.value)
+    paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
+    truth = None if ground_truth is None else ground_truth.poses
+    reliable = ground_truth is None or ground_truth.heading_reliable
+    errors = {name: evaluate(path.poses, truth, reliable) for name, path in paths.items()}
+    rectification = summarise(camera, results, config.rectification)
+    mount = _mount(filtered, yaw_measured, lever)
+    report = {
+        "mount": _mount_block(mount),
+        "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
+        "yaw_sigma_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.sigma)),
+        "yaw_reason": yaw.reason,
+        "rectification": rectification.as_report(),
+        "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
+        "gaps": [list(gap) for gap in paths["autocalibrated"].gaps],
+        "shifts": [],
+    }
+    return Drive(
+        report, filtered, paths["autocalibrated"].poses, mount,
+        tracks, extrinsics, yaw, rectification, paths, errors,
+    )  # fmt: skip
+
+
+def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
+    """The rig file's yaw where there is one, else the drive's own."""
+    if known.yaw_rad is not None:
+        return known.yaw_rad
+    if estimate.value_rad is None or estimate.sigma_rad is None:
+        return None
+    return Measured(estimate.value_rad, estimate.sigma_rad)
+
+
+def _mount(filtered: FilteredExtrinsics, yaw: Measured | None, lever: Measured) -> Rig:
+    """Medians over the measured frames; sigma from blocks of a second, which body motion does not survive."""
+    use = np.array([state == "updated" for state in filtered.state], dtype=bool)
+    values = filtered.values[use]
+    if len(values) == 0:
+        return Rig(yaw_rad=yaw, lever_arm_m=lever)
+    axes = []
+    for axis in range(3):
+        centre = float(np.median(values[:, axis]))
+        spread = 1.4826 * float(np.median(np.abs(values[:, axis] - centre)))
+        axes.append(Measured(centre, spread / np.sqrt(max(len(values) / 10.0, 1.0))))
+    return Rig(axes[0], axes[1], axes[2], yaw, lever)
+
+
+def _mount_block(rig: Rig) -> dict[str, Any]:
+    """The block `mount` of report.json."""
+
+    def entry(value: Measured | None, scale: float) -> dict[str, float] | None:
+        return None if value is None else {"value": scale * value.value, "sigma": scale * value.sigma}
+
+    degree = float(np.rad2deg(1.0))
+    block: dict[str, Any] = {
+        "height_m": entry(rig.height_m, 1.0),
+        "pitch_deg": entry(rig.pitch_rad, degree),
+        "roll_deg": entry(rig.roll_rad, degree),
+        "yaw_deg": entry(rig.yaw_rad, degree),
+        "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
+        "T_vehicle_camera": None,
+        "within_tolerance": None,
+    }
+    if rig.height_m is not None and rig.pitch_rad is not None and rig.roll_rad is not None:
+        yaw = 0.0 if rig.yaw_rad is None else rig.yaw_rad.value
+        pose = Extrinsics(rig.height_m.value, rig.pitch_rad.value, rig.roll_rad.value, yaw)
+        block["T_vehicle_camera"] = pose.T_vehicle_camera.tolist()
+    return block
