@@ -1,9 +1,10 @@
-"""Drawing primitives for the pictures: crisp text, legends, colour maps, frames. Pure functions on RGB arrays."""
+"""Drawing primitives for the pictures: crisp text, legends, colour maps. Pure functions on RGB arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from app.palette import INK, INK_SOFT, PAPER, RULE, Rgb
 
-Picture = NDArray[np.uint8]
+Picture = NDArray[Any]
 
 TEXT_PX = 22
 BAR_PX = 34
@@ -46,7 +47,7 @@ def text_width(text: str, size_px: int = TEXT_PX, bold: bool = False) -> int:
 def put_text(
     picture: Picture, text: str, x: int, y: int, color: Rgb = INK, size_px: int = TEXT_PX, bold: bool = False
 ) -> int:
-    """Draw one line with its top left at (x, y), clipped to the picture; returns the x behind it. In place."""
+    """Draw one line with its top left at (x, y), clipped; returns the x behind it. In place."""
     mask = _mask(text, size_px, bold)
     x0, y0 = max(x, 0), max(y, 0)
     x1, y1 = min(x + mask.shape[1], picture.shape[1]), min(y + mask.shape[0], picture.shape[0])

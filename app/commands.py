@@ -57,6 +57,7 @@ def run(arguments: argparse.Namespace) -> str | None:
             rig,
             tolerances,
             overwrite=arguments.overwrite,
+            resume=arguments.resume,
             progress=progress,
         )
     _print_run(report, arguments.out)

@@ -72,13 +72,27 @@ class FrameStages:
 
 @dataclass(frozen=True)
 class FrameView:
-    """One frame ready to be sent: two JPEG pictures and the coloured cloud in the camera frame [m]."""
+    """One frame ready to be sent: two JPEG pictures, the coloured cloud in the camera frame [m], and the left
+    image once more, small."""
 
     index: int
     left_jpeg: bytes
     stages_jpeg: bytes
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
+    small: NDArray[np.uint8] | None
+
+
+SMALL_PX = 320
+
+
+def small_picture(frame: StereoFrame) -> NDArray[np.uint8] | None:
+    """The left image, small, for the frustum."""
+    if frame.left is None:
+        return None
+    height = max(1, round(frame.left.shape[0] * SMALL_PX / frame.left.shape[1]))
+    small = cv2.resize(frame.left, (SMALL_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB), dtype=np.uint8)
 
 
 def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -> tuple[NDArray, NDArray]:
@@ -136,6 +150,7 @@ class FrameViews:
                 canvas.encode_jpeg(right),
                 points,
                 colors,
+                small_picture(seen.frame),
             )
 
         return self._views.get((index, layout, live), make)

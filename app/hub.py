@@ -1,31 +1,39 @@
-"""Brings drives, pages and browsers together: one shared page that is led, and one page per browser that left it."""
+"""Drives, pages and browsers: one shared page that is led, and one page per browser that explores on its own."""
 
 from __future__ import annotations
 
 import logging
 import threading
+from pathlib import Path
 from typing import Any
 
 import viser
 from viser import _messages
 
-from app import palette
+from app import hotkeys, palette
+from app.browser_panel import BrowserPanel
+from app.library import Library, open_drive
 from app.page import Page
 from app.session import Session
-from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.errors import SourceError
+from stereocalib_core.io import read_run
 
 LOG = logging.getLogger(__name__)
 VIEWS_WIDTH_PX, MAIN_WIDTH_PX = 450, 345
+TIMELINE_WIDTH_PX = (380, 900)
 
 
 class Hub:
-    """Owns the server's pages and the drive that is open."""
+    """Owns the server's pages and the drives that are open."""
 
-    def __init__(self, server: viser.ViserServer, session: Session) -> None:
-        self.server, self.session = server, session
+    def __init__(self, server: viser.ViserServer, session: Session, library: Library) -> None:
+        self.server, self.library = server, library
         self._lock = threading.RLock()
-        self._detached: dict[int, Page] = {}
+        self._own: dict[int, Page] = {}
+        self._browsers: dict[int, BrowserPanel] = {}
+        self._sessions: list[Session] = [session]
         self.leader: int | None = None
+        self.closed = False
         server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
         )
@@ -34,65 +42,179 @@ class Hub:
         server.initial_camera.up = (0.0, -1.0, 0.0)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(MAIN_WIDTH_PX)
+        hotkeys.register(server.gui, self.page_of)
         self.shared = Page(self, server, session, "lead")
-        self.place(self.shared)
+        self._place(self.shared)
         server.on_client_connect(self._connected)
         server.on_client_disconnect(self._disconnected)
 
     def start(self) -> None:
         """Start computing and showing."""
-        self.session.start()
+        for session in self._sessions:
+            session.start()
         self.shared.start()
 
     def close(self) -> None:
         """Stop everything but the server."""
         with self._lock:
-            pages = [self.shared, *self._detached.values()]
+            self.closed = True
+            pages, sessions = [self.shared, *self._own.values()], list(self._sessions)
         for page in pages:
             page.playback.close()
-        self.session.close()
+        for session in sessions:
+            session.close()
+        self.library.close()
 
-    def place(self, page: Page) -> None:
-        """Put the panels of a page where they belong."""
-        views, _header, timeline = page.parts[0], page.parts[1], page.parts[2]
-        views.panel.dock_left()
-        views.panel.set_width(VIEWS_WIDTH_PX)
-        timeline.panel.float(x=8, y=-8, width=460)
+    def page_of(self, client_id: int) -> Page:
+        """The page that a browser shows."""
+        return self._own.get(client_id, self.shared)
 
     def may_steer(self, page: Page, client_id: int | None) -> bool:
-        """Whether a browser may change a page: its own always, the shared one unless another holds the lead."""
+        """Whether a browser may change a page: its own always, the shared one unless another leads."""
         return page.owner is not None or self.leader is None or self.leader == client_id
 
-    def live_extrinsics(self, page: Page, frame: int) -> Extrinsics | None:
-        """The road as the page's corrections see it, None while they are untouched."""
-        return None
+    # --- drives
 
-    def _connected(self, client: viser.ClientHandle) -> None:
+    def open(self, page: Page, text: str) -> None:
+        """Open what was typed on the page; raises SourceError."""
+        self._show(page, self.library.open(text))
+
+    def open_upload(self, page: Page, upload: Any) -> None:
+        """Open a zip that was uploaded; raises SourceError."""
+        self._show(page, self.library.open_upload(upload.name, upload.content))
+
+    def reopen(self, page: Page, spec: str, frame: int) -> None:
+        """Open a variation of the drive on show, and go to a frame; raises SourceError."""
+        old = page.session
+        new = open_drive(spec, old.config)
+        self._show(page, new)
+        self.page_of(page.owner if page.owner is not None else -1).playback.seek(frame)
+
+    def compare(self, page: Page, text: str) -> None:
+        """Lay an earlier run beside the drive on show; an empty text takes it away. Raises SourceError."""
+        if not text.strip():
+            page.set_compared(None)
+            return
+        folder = Path(self.library.resolve(text))
+        if not folder.is_dir():
+            raise SourceError("no such folder", text[:200], "name the output folder of an earlier run")
+        page.set_compared(read_run(folder))
+
+    def _show(self, page: Page, session: Session) -> None:
+        """Replace the drive of a page."""
+        with self._lock:
+            if self.closed:
+                session.close()
+                return
+            settings = page.settings
+            page.close()
+            self._sessions.append(session)
+            session.start()
+            if page.owner is None:
+                self.shared = fresh = Page(self, self.server, session, "lead", settings=settings)
+                self._place(fresh)
+                for client_id in self._own:
+                    self._set_shared_visible(client_id, False)
+            else:
+                client = page.api
+                fresh = Page(self, client, session, page.name, page.owner, settings)
+                self._own[page.owner] = fresh
+                self._place(fresh)
+            fresh.start()
+            if session.autoplay:
+                fresh.playback.play()
+            self._drop_unused()
+        for client in self.server.get_clients().values():
+            self.fit(client)
+
+    def _drop_unused(self) -> None:
+        used = {id(page.session) for page in (self.shared, *self._own.values())}
+        for session in [s for s in self._sessions if id(s) not in used]:
+            self._sessions.remove(session)
+            threading.Thread(target=session.close, daemon=True).start()
+
+    # --- browsers
+
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Give a browser a page of its own, at the frame and settings of the shared one."""
+        with self._lock:
+            if client.client_id in self._own or self.closed:
+                return
+            shared = self.shared
+            self._set_shared_visible(client.client_id, False)
+            page = Page(
+                self, client, shared.session, f"own{client.client_id}", client.client_id, shared.settings
+            )
+            self._own[client.client_id] = page
+            self._place(page)
+            page.playback.seek(shared.playback.state.frame)
+            page.start()
         self.fit(client)
-        sizes = (0, 0)
 
-        @client.camera.on_update
-        def _(_camera: Any) -> None:
-            nonlocal sizes
-            now = (client.camera.image_width, client.camera.image_height)
-            if now != sizes:
-                sizes = now
-                self.fit(client)
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Bring a browser back to the shared page."""
+        with self._lock:
+            page = self._own.pop(client.client_id, None)
+            if page is None:
+                return
+            page.close()
+            self._set_shared_visible(client.client_id, True)
+            self._drop_unused()
+        self.fit(client)
+
+    def _set_shared_visible(self, client_id: int, visible: bool) -> None:
+        """Show or hide the shared page in one browser only."""
+        client = self.server.get_clients().get(client_id)
+        if client is None:
+            return
+        connection = client._websock_connection
+        for uuid in self.shared.root_ids:
+            connection.queue_message(_messages.GuiUpdateMessage(uuid, {"visible": visible}))
+        connection.queue_message(_messages.SetSceneNodeVisibilityMessage("/lead", visible))
+
+    def _place(self, page: Page) -> None:
+        """Put the panels of a page where they belong."""
+        page.views.panel.dock_left()
+        page.views.panel.set_width(VIEWS_WIDTH_PX)
+        page.timeline.panel.float(x=8, y=-8, width=460)
 
     def fit(self, client: viser.ClientHandle) -> None:
         """Let the time line use the width that this browser has between the docked panels."""
-        page = self._detached.get(client.client_id, self.shared)
-        width = max(380, min(900, int(client.camera.image_width) - 16))
-        panel = page.parts[2].panel
+        page = self.page_of(client.client_id)
+        room = int(client.camera.image_width) - 16
+        width = max(TIMELINE_WIDTH_PX[0], min(TIMELINE_WIDTH_PX[1], room))
         message = _messages.GuiSetPanelWidthMessage(
-            panel._impl.uuid, width, counter=page.gui._next_layout_counter(), run_id=page.gui._layout_run_id
+            page.timeline.panel._impl.uuid,
+            width,
+            counter=page.gui._next_layout_counter(),
+            run_id=page.gui._layout_run_id,
         )
         client._websock_connection.queue_message(message)
 
+    def _connected(self, client: viser.ClientHandle) -> None:
+        self._browsers[client.client_id] = BrowserPanel(self, client)
+        self.fit(client)
+        known = (client.camera.image_width, client.camera.image_height)
+
+        @client.camera.on_update
+        def _(_camera: Any) -> None:
+            nonlocal known
+            size = (client.camera.image_width, client.camera.image_height)
+            if size != known:
+                known = size
+                self.fit(client)
+
     def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            page = self._detached.pop(client.client_id, None)
+            page = self._own.pop(client.client_id, None)
+            self._browsers.pop(client.client_id, None)
             if self.leader == client.client_id:
                 self.leader = None
+            self._drop_unused()
         if page is not None:
             page.playback.close()
+            page.detach_for_good()
+
+    def count(self) -> tuple[int, int]:
+        """Browsers connected, and how many of them explore on their own."""
+        return len(self._browsers), len(self._own)

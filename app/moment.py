@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.frame_views import FrameView
+from app.path_state import PathState
 from app.playback import ClockState
 from app.session import Session, Snapshot
 from app.settings import Settings
@@ -26,6 +27,7 @@ class Moment:
     clock: ClockState
     settings: Settings
     view: FrameView | None
+    paths: PathState
     frame_changed: bool
     drive_changed: bool
     settings_changed: bool

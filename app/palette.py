@@ -20,7 +20,7 @@ ROAD: Final[Rgb] = (0, 158, 115)
 OBSTACLE: Final[Rgb] = (230, 120, 0)
 HORIZON: Final[Rgb] = (240, 228, 66)
 GRID: Final[Rgb] = (245, 245, 245)
-LIVE: Final[Rgb] = (204, 121, 167)
+LIVE: Final[Rgb] = (98, 120, 255)
 FAILED: Final[Rgb] = (213, 94, 0)
 NOW: Final[Rgb] = (240, 160, 0)
 
@@ -36,7 +36,7 @@ VARIANT: Final[dict[str, Rgb]] = {
     "no_yaw": (0, 190, 230),
     "no_roll": (240, 150, 0),
     "no_pitch_no_roll": (215, 60, 200),
-    "live": (250, 250, 250),
+    "live": LIVE,
 }
 VARIANT_NAME: Final[dict[str, str]] = {
     "ground_truth": "ground truth",

@@ -1,4 +1,4 @@
-"""One clock: where a page is in the drive, whether it plays, and how fast. One worker thread, latest value wins.
+"""One clock: where a page is in the drive, whether it plays, and how fast. One worker, latest value wins.
 
 Callbacks of the page only change what is wanted; the worker alone shows frames, so nothing is ever queued:
 a slow picture makes playback skip frames, not lag behind.
@@ -33,8 +33,8 @@ class ClockState:
 class Playback:
     """Plays `total` frames at `timestamps_s`; `available()` frames can be played so far.
 
-    `failures()` gives the failed frames known so far, ascending. `show(state)` is called from one worker thread
-    whenever the state changed, and every IDLE_S otherwise.
+    `failures()` gives the failed frames known so far, ascending. `show(state)` is called from one worker
+    thread whenever the state changed, and every IDLE_S otherwise.
     """
 
     def __init__(

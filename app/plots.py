@@ -1,4 +1,4 @@
-"""Time series for uPlot: fixed ranges, raw values as dots, bands for sigma and failed spans, `now` as a spike.
+"""Time series for uPlot: fixed ranges, raw values as dots, bands for sigma and failures, `now` as a spike.
 
 uPlot bridges NaN by a line, so what may be missing is drawn as dots, and lines are only drawn through what is
 known at every frame.
@@ -21,7 +21,7 @@ GRID_INK = "rgba(139,146,155,0.22)"
 
 @dataclass(frozen=True)
 class Curve:
-    """One series: `values` over x; `dots` draws points instead of a line; `band_to` fills to another curve."""
+    """One series: `values` over x; `dots` draws points instead of a line; `hidden` only bounds a band."""
 
     name: str
     values: NDArray[np.float64]
@@ -85,7 +85,7 @@ def failed_band(failed: NDArray[np.bool_], y_range: tuple[float, float]) -> tupl
 
 
 def thinned(x: NDArray[np.float64], curves: tuple[Curve, ...]) -> tuple[NDArray[np.float64], list[NDArray]]:
-    """At most MAX_COLUMNS columns: lines are sampled, dots and bands keep the value farthest from the last one."""
+    """At most MAX_COLUMNS columns."""
     step = int(np.ceil(len(x) / MAX_COLUMNS))
     if step <= 1:
         return x, [curve.values for curve in curves]
@@ -95,7 +95,7 @@ def thinned(x: NDArray[np.float64], curves: tuple[Curve, ...]) -> tuple[NDArray[
 def with_now(
     x: NDArray[np.float64], columns: list[NDArray], dots: list[bool], now: float, y_range: tuple[float, float]
 ) -> tuple[NDArray[np.float64], ...]:
-    """The columns with a narrow spike at `now` as a last one; the spike's feet are put between the samples."""
+    """The columns and, as a last one, a narrow spike at `now`, its feet between the samples."""
     high = y_range[1]
     low = below(y_range)
     foot = 0.0012 * max(float(x[-1] - x[0]), 1e-9) if len(x) > 1 else 0.01

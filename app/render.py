@@ -1,4 +1,4 @@
-"""Arrays to pictures: the left image with the road drawn on it, and every stage of the method. Pure functions."""
+"""Arrays to pictures: the left image with the road on it, and every stage of the method. Pure functions."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def left_view(
     live: Extrinsics | None = None,
     width: int = WIDTH_PX,
 ) -> Picture:
-    """The left image with free map, obstacles, fitted road grid and horizon; `live` adds the corrected road."""
+    """The left image with free map, obstacles, road grid and horizon; `live` adds the corrected road."""
     height = picture_height(camera, width)
     legend: list[tuple[str, palette.Rgb]] = [
         ("road", palette.ROAD),
@@ -153,7 +153,7 @@ def _counts_picture(layers: Sequence[tuple[NDArray, palette.Rgb]]) -> Picture:
 
 
 def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
-    """Columns against disparity: what stands upright piles up in one cell (orange), the road spreads (blue)."""
+    """Columns against disparity: what stands upright piles up (orange), the road spreads (blue)."""
     bins = len(stages.u_disparity)
     obstacle_values = np.where(stages.obstacles, stages.disparity.values, np.nan)
     ones = np.isfinite(obstacle_values.T)
@@ -170,7 +170,7 @@ def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
 def v_disparity_view(
     stages: RoadStages, camera: StereoCamera, width: int, height: int, live: Extrinsics | None = None
 ) -> Picture:
-    """Rows against disparity: the road is a line; cells that agree with it are green, other free ones blue."""
+    """Rows against disparity: the road is a line; cells that agree with it are green, other free blue."""
     bins = stages.v_disparity.shape[1]
     road = v_disparity(stages.disparity.values, stages.road, stages.bin_px, bins)
     others = np.maximum(stages.v_disparity_whole - stages.v_disparity, 0)

@@ -19,6 +19,12 @@ from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform
 Array = NDArray[np.float64]
 _LATERAL_M = np.arange(-6.0, 6.1, 1.5)
 _AHEAD_M = np.arange(0.0, 45.1, 5.0)
+_OCTAHEDRON = 0.28 * np.array(
+    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32
+)
+_OCTAHEDRON_FACES = np.array(
+    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], dtype=np.uint32
+)
 
 
 def _road_lines() -> NDArray[np.float32]:
@@ -27,10 +33,11 @@ def _road_lines() -> NDArray[np.float32]:
     return np.array(along + across, dtype=np.float32)
 
 
-def path_segments(positions: Array) -> NDArray[np.float32]:
-    """(N, 3) positions with NaN gaps to (M, 2, 3) segments between neighbours that are both known."""
+def path_segments(positions: Array) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """(N, 3) positions with NaN gaps to (M, 2, 3) segments of known neighbours, and their first frames."""
     pairs = np.stack([positions[:-1], positions[1:]], axis=1)
-    return pairs[np.isfinite(pairs).all(axis=(1, 2))].astype(np.float32)
+    known = np.flatnonzero(np.isfinite(pairs).all(axis=(1, 2)))
+    return pairs[known].astype(np.float32), known
 
 
 class Scene:
@@ -85,6 +92,7 @@ class Scene:
         )
         self._label = scene.add_label(f"{root}/car/label", "", position=(0.0, -2.1, 0.0))
         self._paths: dict[str, Any] = {}
+        self._markers: Any | None = None
 
     def show_road(self, extrinsics: Extrinsics | None, caption: str) -> None:
         """Put the camera over the road; without an estimate the road disappears."""
@@ -99,8 +107,9 @@ class Scene:
             self._plumb.points = np.array([[[0, 0, 0], [0, -extrinsics.height_m, 0]]], np.float32)
             self._label.position = (0.0, -extrinsics.height_m - 0.5, 0.0)
 
-    def show_cloud(self, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
+    def show_cloud(self, points: NDArray[np.float32], colors: NDArray[np.uint8], visible: bool) -> None:
         """The coloured points of the frame, in the camera frame [m]."""
+        self._cloud.visible = visible
         self._cloud.points = points
         self._cloud.colors = colors
 
@@ -118,15 +127,20 @@ class Scene:
         else:
             self.root.wxyz, self.root.position = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
-    def show_paths(self, paths: Mapping[str, Array], visible: Mapping[str, bool]) -> None:
-        """(N, 3) positions by name; ground truth is dashed so that hue is not alone."""
+    def show_paths(
+        self, paths: Mapping[str, Array], visible: Mapping[str, bool], colors: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        """(N, 3) positions by name, with (N, 3) colours where given; ground truth is dashed."""
         for name, positions in paths.items():
-            segments = path_segments(positions)
+            segments, known = path_segments(positions)
             if name == "ground_truth":
-                segments = segments[::2]
+                segments, known = segments[::2], known[::2]
+            color: Any = palette.VARIANT.get(name, palette.INK_SOFT)
+            if name in colors and len(segments):
+                color = np.stack([colors[name][known], colors[name][known + 1]], axis=1)
             if len(segments) == 0:
                 segments = np.zeros((1, 2, 3), np.float32)
-            self._show_path(name, segments, palette.VARIANT.get(name, palette.INK), visible.get(name, True))
+            self._show_path(name, segments, color, visible.get(name, True))
         for name in set(self._paths) - set(paths):
             self._paths.pop(name).remove()
 
@@ -142,8 +156,31 @@ class Scene:
                 visible=visible,
             )
             return
+        # Points and colours must match in length at every moment.
+        node.colors = np.asarray(palette.INK_SOFT, np.uint8)
         node.points = segments
+        node.colors = np.asarray(color, dtype=np.uint8)
         node.visible = visible
+
+    def show_markers(self, positions: Array) -> Any | None:
+        """(N, 3) clickable poses; the node where it is new, else None."""
+        wxyzs = np.tile([1.0, 0.0, 0.0, 0.0], (len(positions), 1))
+        held = np.nan_to_num(positions)
+        if self._markers is not None:
+            self._markers.batched_wxyzs = wxyzs.astype(np.float32)
+            self._markers.batched_positions = held.astype(np.float32)
+            return None
+        self._markers = self._scene.add_batched_meshes_simple(
+            f"{self._root_name}/paths/markers",
+            _OCTAHEDRON,
+            _OCTAHEDRON_FACES,
+            wxyzs,
+            held,
+            batched_colors=palette.VARIANT["autocalibrated"],
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        return self._markers
 
     def close(self) -> None:
         """Remove every node."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app import text
+from app import canvas, palette, text
 from app.moment import Moment
 from app.scene import Scene
 from stereocalib_core.geometry import Extrinsics
 
 if TYPE_CHECKING:
     from app.page import Page
+
+MARKERS = 120
 
 
 class ScenePart:
@@ -21,18 +24,56 @@ class ScenePart:
     def __init__(self, page: Page) -> None:
         self._page = page
         self.scene = Scene(page.api, page.session.source.camera, page.name)
+        self._shown_paths: tuple[Any, ...] = ()
+        self._marked: tuple[int, ...] = ()
 
     def update(self, moment: Moment) -> None:
         """Show the frame."""
         best = moment.best
         if moment.view is not None:
-            self.scene.show_cloud(moment.view.points, moment.view.colors)
-            picture = None if moment.clock.playing else self._page.small_picture(moment.frame)
-            self.scene.show_image(picture)
-        self.scene.show_road(None if best is None else best[0], self._caption(moment))
-        self.scene.place_car(
-            self._T_world_road(moment, None if best is None else best[0]), moment.settings.follow
-        )
+            self.scene.show_cloud(moment.view.points, moment.view.colors, moment.settings.cloud)
+            # Three pictures a tick would slow browsers down: while playing, the frustum stays empty.
+            self.scene.show_image(None if moment.clock.playing else moment.view.small)
+        road = None if best is None else best[0]
+        self.scene.show_road(road, self._caption(moment))
+        self.scene.place_car(self._T_world_road(moment, road), moment.settings.follow)
+        self.show_paths(moment)
+
+    def show_paths(self, moment: Moment) -> None:
+        """Redraw the paths where they, or what is shown of them, changed."""
+        state = (moment.paths, moment.settings.paths, moment.settings.color_by_error, self._page.compared)
+        if len(self._shown_paths) == 4 and all(a is b for a, b in zip(state, self._shown_paths, strict=True)):
+            return
+        positions = {name: poses[:, :3, 3] for name, poses in moment.paths.poses.items()}
+        compared = self._page.compared
+        if compared is not None and compared.poses is not None:
+            positions["compared"] = compared.poses[:, :3, 3]
+        colors = {}
+        if moment.settings.color_by_error and "autocalibrated" in moment.paths.errors:
+            errors = moment.paths.errors["autocalibrated"].miss_m
+            if errors is not None:
+                colors["autocalibrated"] = error_colors(errors, len(positions["autocalibrated"]))
+        self.scene.show_paths(positions, moment.settings.paths, colors)
+        self._show_markers(positions.get("autocalibrated"))
+        self._shown_paths = state
+
+    def _show_markers(self, positions: NDArray[np.float64] | None) -> None:
+        """Pose markers, at most MARKERS of them; a click goes to the frame."""
+        if positions is None or len(positions) == 0:
+            return
+        step = max(1, int(np.ceil(len(positions) / MARKERS)))
+        frames = tuple(range(0, len(positions), step))
+        node = self.scene.show_markers(positions[list(frames)])
+        self._marked = frames
+        if node is None:
+            return
+        page = self._page
+
+        @node.on_click
+        def _(event: Any) -> None:
+            index = event.instance_index
+            if index is not None and index < len(self._marked):
+                page.run_for_client(event, lambda _client: page.playback.seek(self._marked[index]))
 
     def _caption(self, moment: Moment) -> str:
         best = moment.best
@@ -45,10 +86,9 @@ class ScenePart:
         )
         return numbers if origin == "this pair" else f"{numbers}  ({origin})"
 
-    def _T_world_road(self, moment: Moment, extrinsics: Extrinsics | None) -> np.ndarray:
-        analysis = moment.snapshot.analysis
-        poses = None if analysis is None else analysis.poses
-        if poses is None or moment.frame >= len(poses):
+    def _T_world_road(self, moment: Moment, extrinsics: Extrinsics | None) -> NDArray[np.float64]:
+        poses = moment.paths.poses.get("autocalibrated")
+        if poses is None or moment.frame >= len(poses) or not np.isfinite(poses[moment.frame]).all():
             return np.eye(4)
         if extrinsics is None:
             return np.asarray(poses[moment.frame])
@@ -57,3 +97,11 @@ class ScenePart:
     def close(self) -> None:
         """Remove the nodes."""
         self.scene.close()
+
+
+def error_colors(errors: NDArray[np.float64], count: int) -> NDArray[np.uint8]:
+    """(count, 3) colours by error; frames without a truth are grey."""
+    values = np.full(count, np.nan)
+    values[: min(count, len(errors))] = errors[:count]
+    top = float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
+    return canvas.colorize(values[None], 0.0, max(top, 1e-6), "viridis", palette.INK_SOFT)[0]

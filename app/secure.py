@@ -1,8 +1,8 @@
 """A viser server for one machine: bound to one address, foreign pages refused, never shared to the internet.
 
-viser 1.1 accepts any WebSocket Origin and lets any browser request a public tunnel. The check of Host and Origin
-is put in front of viser's own request handler while the server starts; that leans on viser's internals, so the
-version is pinned and a test watches over it.
+viser 1.1 accepts any WebSocket Origin and lets any browser request a public tunnel. The check of Host and
+Origin is put in front of viser's own request handler while the server starts; that leans on its internals, so
+the version is pinned and a test watches over it.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def _is_address(name: str) -> bool:
 
 
 def request_allowed(headers: Any, names: frozenset[str], any_address: bool) -> bool:
-    """Whether a request may pass: its Host is one of ours, and a WebSocket comes from a page of the same port.
+    """Whether a request may pass: its Host is one of ours, a WebSocket comes from a page of the same port.
 
-    `any_address` also lets numeric addresses pass, for a server bound to every interface: a name that an attacker
-    points at this machine stays refused.
+    `any_address` also lets numeric addresses pass, for a server bound to every interface: a name that an
+    attacker points at this machine stays refused.
     """
     host, port = _split(headers.get("Host", ""))
 

@@ -8,19 +8,11 @@ import time
 from pathlib import Path
 
 from app.hub import Hub
+from app.library import Library, open_drive
 from app.secure import LOCAL_NAMES, create_server, stop_server
-from app.session import Session
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.sources import open_source
 
 LOG = logging.getLogger(__name__)
-
-
-def open_session(
-    spec: str, config: PipelineConfig | None = None, frames: slice | None = None, rig: Path | None = None
-) -> Session:
-    """Open a source for the page; raises StereoCalibError in one line."""
-    return Session(open_source(spec), config or PipelineConfig(), spec=spec, rig=rig)
 
 
 def start(
@@ -31,13 +23,19 @@ def start(
     autoplay: bool = False,
     frames: slice | None = None,
     rig: Path | None = None,
+    root: Path | None = None,
 ) -> Hub:
-    """Start the page and return at once; `hub.server.get_port()` says where."""
-    session = open_session(spec, config, frames, rig)
+    """Start the page and return at once; `hub.server.get_port()` says where.
+
+    root: the folder below which the page may open other drives (default: where the command was started).
+    """
+    config = config or PipelineConfig()
+    wanted = (None, None) if frames is None else (frames.start, frames.stop)
+    session = open_drive(spec, config, wanted, rig)
     server = create_server(host, port)
-    hub = Hub(server, session)
+    hub = Hub(server, session, Library(root or Path.cwd(), config))
     hub.start()
-    if autoplay:
+    if autoplay or spec.startswith("synthetic"):
         hub.shared.playback.play()
     return hub
 
@@ -50,13 +48,15 @@ def serve(
     autoplay: bool = False,
     frames: slice | None = None,
     rig: Path | None = None,
+    root: Path | None = None,
 ) -> None:
     """Show a drive in the browser until Ctrl-C. Prints the page's address when it is ready."""
-    hub = start(spec, host, port, config, autoplay, frames, rig)
+    hub = start(spec, host, port, config, autoplay, frames, rig, root)
     shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
     if host not in LOCAL_NAMES:
         sys.stderr.write(
-            f"stereocalib: warning: the page listens on {host}: anyone who reaches this machine can see and steer it\n"
+            f"stereocalib: warning: the page listens on {host}: whoever reaches this machine can see and "
+            "steer it\n"
         )
     sys.stdout.write(f"http://{shown}:{hub.server.get_port()}\n")
     sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""One drive, opened: its frames go through the front end once, in the background; what is known so far is a snapshot."""
+"""One drive, opened: its frames go through the front end once, in the background."""
 
 from __future__ import annotations
 
@@ -14,31 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frame_views import FrameViews
+from app.lessons import broken_config
+from app.paths import DrivePaths
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
-from stereocalib_core.frames import FrameSource, StereoFrame
+from stereocalib_core.frames import FrameSource
 from stereocalib_core.pipeline import FrontEnd
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.sources import prefetch
 
 LOG = logging.getLogger(__name__)
 FIRST_ANALYSIS_S = 2.0
-"""The whole-drive analysis is first made this long after the start, then at intervals that keep it below a tenth."""
+"""The whole drive is first analysed this long after the start, then so that it takes below a tenth."""
 ANALYSIS_SHARE = 0.1
 
-Analyse = Callable[[Sequence[FrameResult]], Any]
+Analyse = Callable[[Sequence[FrameResult]], DriveAnalysis | None]
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """What is known of a drive at some moment; `version` grows with every change.
 
-    results: of frames 0, 1, ... as far as computed. analysis: of the first `analysed` of them, or None.
+    results: of frames 0, 1, ... as far as computed. analysis, paths: of the first `analysed` of them, or None.
     problem: why the computation stopped early, or empty.
     """
 
     total: int
     results: tuple[FrameResult, ...] = ()
-    analysis: Any = None
+    analysis: DriveAnalysis | None = None
+    paths: DrivePaths | None = None
     analysed: int = 0
     done: bool = False
     problem: str = ""
@@ -71,12 +75,16 @@ class Session:
         analyse: Analyse | None = None,
         finished: Sequence[FrameResult] = (),
         rig: Path | None = None,
+        frames: tuple[int, int] | None = None,
+        saved: bool = False,
     ) -> None:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
+        self.frames, self.saved = frames, saved
+        self.autoplay = not saved
         self._analyse = analyse
         self._front_end = FrontEnd(source.camera, config)
-        self._for_display = FrontEnd(source.camera, config)
-        self.views = FrameViews(source, self._for_display.stages)
+        self._views: dict[str, FrameViews] = {}
+        self.views = self.views_with("")
         self._snapshot = Snapshot(total=len(source))
         self._finished = tuple(finished)
         self._stop = threading.Event()
@@ -91,6 +99,13 @@ class Session:
     def camera(self) -> Any:
         """The camera of the source."""
         return self.source.camera
+
+    def views_with(self, broken_stage: str) -> FrameViews:
+        """The views of the drive, or of what a broken stage makes of it."""
+        if broken_stage not in self._views:
+            front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage))
+            self._views[broken_stage] = FrameViews(self.source, front_end.stages)
+        return self._views[broken_stage]
 
     def start(self) -> None:
         """Start computing."""
@@ -115,10 +130,10 @@ class Session:
         results: list[FrameResult] = list(self._finished)
         next_analysis = started + FIRST_ANALYSIS_S
         try:
-            for index in range(len(results), len(self.source)):
+            for frame in prefetch(self.source, len(results), len(self.source)):
                 if self._stop.is_set():
                     return
-                results.append(self._step(self.source[index]))
+                results.append(self._front_end.step(frame))
                 elapsed = max(time.monotonic() - started, 1e-6)
                 rate = (len(results) - len(self._finished)) / elapsed
                 self._publish(results=tuple(results), frames_per_second=rate)
@@ -132,13 +147,11 @@ class Session:
             LOG.warning("%s", error)
             self._publish(problem=str(error), done=True)
 
-    def _step(self, frame: StereoFrame) -> FrameResult:
-        return self._front_end.step(frame)
-
     def _update_analysis(self, results: Sequence[FrameResult]) -> float:
         """Recompute what needs the whole drive; returns the seconds spent."""
         begin = time.monotonic()
-        if self._analyse is not None and results:
-            analysis = self._analyse(tuple(results))
-            self._publish(analysis=analysis, analysed=len(results))
+        if results:
+            analysis = None if self._analyse is None else self._analyse(tuple(results))
+            paths = DrivePaths(self.source.camera, results, analysis)
+            self._publish(analysis=analysis, paths=paths, analysed=len(results))
         return time.monotonic() - begin

@@ -44,4 +44,5 @@ class Settings:
     cloud: bool = True
     color_by_error: bool = False
     teach_step: int = 0
+    broken_stage: str = ""
     paths: MappingProxyType[str, bool] = field(default_factory=lambda: MappingProxyType({}))

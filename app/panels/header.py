@@ -1,11 +1,18 @@
-"""The main panel: which drive, how far it is computed, and the presets."""
+"""The main panel: which drive, how far it is computed, the presets, and the tabs."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app import text
 from app.moment import Moment
+from app.panels.corrections import CorrectionsPanel
+from app.panels.debug import DebugPanel
+from app.panels.exports import ExportPanel
+from app.panels.inspect import InspectPanel
+from app.panels.opener import OpenPanel
+from app.panels.path import PathPanel
+from app.panels.teach import TeachPanel
 from app.settings import PRESETS
 
 if TYPE_CHECKING:
@@ -17,19 +24,16 @@ def drive_line(moment: Moment) -> str:
     snapshot, source = moment.snapshot, moment.session.source
     failed = len(snapshot.failures())
     ok = len(snapshot.results) - failed
-    lines = [
+    title = (
         f"**{text.escape(source.name, 60)}** · {len(source)} frames · method {moment.session.config.method}"
-    ]
+    )
     if snapshot.problem:
-        lines.append(f"⚠ {text.escape(snapshot.problem)}")
-    elif snapshot.done:
-        lines.append(f"{ok} ok · {failed} failed")
-    else:
-        share = 100 * snapshot.progress
-        lines.append(
-            f"computing {share:.0f} % · {snapshot.frames_per_second:.1f} frames/s · {ok} ok · {failed} failed"
-        )
-    return "\n\n".join(lines)
+        return f"{title}\n\n⚠ {text.escape(snapshot.problem)}"
+    if snapshot.done:
+        return f"{title}\n\n{ok} ok · {failed} failed"
+    share = 100 * snapshot.progress
+    rate = snapshot.frames_per_second
+    return f"{title}\n\ncomputing {share:.0f} % · {rate:.1f} frames/s · {ok} ok · {failed} failed"
 
 
 class HeaderPanel:
@@ -45,9 +49,32 @@ class HeaderPanel:
             )
         )
         page.on_click(self._preset, lambda value: page.change(preset=value))
+        self.tabs = page.add_root(gui.add_tab_group())
+        self._guides: dict[str, Any] = {}
+        self._parts: list[Any] = []
+        with self.tabs.add_tab("Guide"):
+            for name, build in (("Inspect", InspectPanel), ("Teach", TeachPanel), ("Debug", DebugPanel)):
+                self._guides[name] = gui.add_folder(name, visible=name == "Inspect")
+                with self._guides[name]:
+                    self._parts.append(build(page))
+        self.teach: TeachPanel = self._parts[1]
+        with self.tabs.add_tab("Correct"):
+            self.corrections = CorrectionsPanel(page)
+        with self.tabs.add_tab("Paths"):
+            self._parts.append(PathPanel(page))
+        with self.tabs.add_tab("Export"):
+            self.exports = ExportPanel(page)
+            self._parts.append(self.exports)
+        with self.tabs.add_tab("Open"):
+            self._parts.append(OpenPanel(page))
+        self._parts.append(self.corrections)
 
     def update(self, moment: Moment) -> None:
-        """Show progress and the drive's state."""
+        """Show progress, the drive's state, and the guide of the preset."""
         self._drive.content = drive_line(moment)
         self._progress.value = 100.0 * moment.snapshot.progress
         self._progress.visible = not moment.snapshot.done
+        for name, folder in self._guides.items():
+            folder.visible = name == moment.settings.preset
+        for part in self._parts:
+            part.update(moment)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from app.card import card_markdown, card_text
+from app.copy_button import copy_button
 from app.moment import Moment
 from app.panels.timeline import now_table
 
@@ -12,12 +14,20 @@ if TYPE_CHECKING:
 
 
 class InspectPanel:
-    """A part of the main panel."""
+    """A folder of the guide tab."""
 
     def __init__(self, page: Page) -> None:
         gui = page.gui
+        self._card = gui.add_markdown("")
+        self._copy = gui.add_html("")
         self._now = gui.add_markdown("")
+        self._notices = gui.add_markdown("")
 
     def update(self, moment: Moment) -> None:
-        """Show the frame's numbers."""
-        self._now.content = f"**This frame** ({moment.frame})\n\n" + now_table(moment)
+        """Show the card and the frame's numbers."""
+        if moment.drive_changed:
+            self._card.content = card_markdown(moment.snapshot)
+            self._copy.content = copy_button(
+                "Copy the card", card_text(moment.session.source.name, moment.snapshot)
+            )
+        self._now.content = f"**Frame {moment.frame}**\n\n" + now_table(moment)

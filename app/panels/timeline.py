@@ -8,6 +8,7 @@ import numpy as np
 
 from app import palette, plots, text
 from app.moment import Moment
+from app.panels.errors import ErrorsPanel
 from app.plots import Chart, Curve
 from app.session import Snapshot
 
@@ -134,7 +135,8 @@ def headline(moment: Moment) -> str:
     elif result.ok:
         state = "ok"
     else:
-        state = f'<span style="color:{palette.css(palette.FAILED)}">**failed: {text.escape(result.reason)}**</span>'
+        color = palette.css(palette.FAILED)
+        state = f'<span style="color:{color}">**failed: {text.escape(result.reason)}**</span>'
     playing = "▶" if moment.clock.playing else "❚❚"
     return f"{playing} **Frame {moment.frame}** of {max(0, total - 1)} · {time_s:.2f} s · {state}"
 
@@ -160,6 +162,8 @@ class TimelinePanel:
             )
             self._plots = self._add_plots(gui)
             self._legend = gui.add_markdown(legend_line(self._truth is not None))
+        with self.panel.add_tab("Path errors"):
+            self._errors = ErrorsPanel(page)
         with self.panel.add_tab("Playback"):
             self._speed = gui.add_button_group("Speed", SPEEDS, hint="1× is the recording's own pace.")
             self._loop = gui.add_checkbox("Loop", False, hint="Start over at the end of the drive.")
@@ -167,8 +171,8 @@ class TimelinePanel:
                 "Pause on failure", False, hint="Playback stops at the next frame that failed."
             )
             gui.add_markdown(
-                "Keys: **Space** play · **N** / **P** step · **Shift+N** / **Shift+P** ten · **F** next failure · "
-                "**Home** / **End** · **1**–**3** presets · **Ctrl+K** every command"
+                "Keys: **Space** play · **N** / **P** step · **Shift+N** / **Shift+P** ten · "
+                "**F** next failure · **Home** / **End** · **1**–**3** presets · **Ctrl+K** every command"
             )
         page.on_input(self._slider, lambda value: clock.seek(int(value)))
         page.on_click(self._transport, self._on_transport)
@@ -214,3 +218,4 @@ class TimelinePanel:
             self._ranges = [chart.y_range for chart in self._charts]
         for plot, chart in zip(self._plots, self._charts, strict=True):
             plot.data = plots.chart_data(chart, float(moment.frame))
+        self._errors.update(moment)

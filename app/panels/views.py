@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 EXPLAIN = {
     "all stages": "Every stage of one stereo pair, from matching to the free map.",
     "disparity": "How far each pixel moves between the two images. Near is bright; dark has no match.",
-    "u-disparity": "Each column counts how often a disparity occurs. What stands upright keeps one disparity over "
-    "many rows and piles up (orange); the road spreads evenly (blue).",
-    "free map": "What is left after the upright things are taken out. Green agrees with the road that was fitted.",
-    "v-disparity": "Each row counts how often a disparity occurs in the free map. A flat road is one straight line: "
-    "its slope gives the height, where it meets disparity 0 the pitch.",
+    "u-disparity": "Each column counts how often a disparity occurs. What stands upright keeps one disparity "
+    "over many rows and piles up (orange); the road spreads evenly (blue).",
+    "free map": "What is left after the upright things are taken out. Green agrees with the fitted road.",
+    "v-disparity": "Each row counts how often a disparity occurs in the free map. A flat road is a straight "
+    "line: its slope gives the height, where it meets disparity 0 the pitch.",
 }
 
 

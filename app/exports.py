@@ -1,0 +1,107 @@
+"""What leaves the page: files of a drive as bytes, and the command that reproduces what is on screen."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import shlex
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.session import Session, Snapshot
+from app.settings import Corrections, Settings
+from stereocalib_core import io
+from stereocalib_core.config import to_dict
+from stereocalib_core.errors import OutputError
+
+
+def _written(name: str, write: Callable[[Path], Any]) -> bytes:
+    """The bytes that one of the core's writers makes."""
+    with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+def shown_poses(snapshot: Snapshot, corrections: Corrections) -> NDArray[np.float64]:
+    """(N, 4, 4) of the path on show: the live one where corrections are touched."""
+    if corrections.touched and snapshot.paths is not None:
+        return snapshot.paths.live(corrections).poses
+    if snapshot.analysis is not None and snapshot.analysis.poses is not None:
+        return snapshot.analysis.poses
+    if snapshot.paths is not None:
+        return snapshot.paths.live(corrections).poses
+    raise OutputError("no trajectory yet", "export", "wait until some frames are computed")
+
+
+def tum(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+    """The path in TUM format."""
+    poses = shown_poses(snapshot, settings.corrections)
+    times = np.asarray(session.source.timestamps_s[: len(poses)])
+    return _written("trajectory.tum", lambda path: io.write_tum(path, times, poses))
+
+
+def kitti(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+    """The path in KITTI format."""
+    poses = shown_poses(snapshot, settings.corrections)
+    return _written("trajectory.txt", lambda path: io.write_kitti(path, poses))
+
+
+def csv(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+    """extrinsics.csv."""
+    filtered = None if snapshot.analysis is None else snapshot.analysis.filtered
+    results = snapshot.results[: snapshot.analysed] if filtered is not None else snapshot.results
+    return _written("extrinsics.csv", lambda path: io.write_extrinsics_csv(path, results, filtered))
+
+
+def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+    """report.json with what the analysis says, and the settings of the page."""
+    failures: dict[str, int] = {}
+    for result in snapshot.results:
+        if not result.ok:
+            failures[result.reason] = failures.get(result.reason, 0) + 1
+    content = {
+        "source": session.spec,
+        "frames": len(snapshot.results),
+        "frames_ok": sum(r.ok for r in snapshot.results),
+        "method": session.config.method,
+        **(dict(snapshot.analysis.report) if snapshot.analysis is not None else {}),
+        "failures": failures,
+        "page": {"corrections": vars(settings.corrections)},
+    }
+    return (json.dumps(io.plain(content), indent=2) + "\n").encode()
+
+
+def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+    """A rerun recording of what is computed so far."""
+    if importlib.util.find_spec("stereocalib_core.recording") is None:
+        raise OutputError("recordings are not available", "recording.rrd", "use the other exports")
+    writer = importlib.import_module("stereocalib_core.recording")
+    return _written(
+        "recording.rrd",
+        lambda path: writer.write_recording(
+            path, session.source, session.config, snapshot.results, snapshot.analysis
+        ),
+    )
+
+
+def config_json(session: Session) -> str:
+    """The configuration as `--config` reads it."""
+    return json.dumps(to_dict(session.config), indent=2)
+
+
+def command(session: Session, settings: Settings) -> str:
+    """The shell command that reproduces the drive on show."""
+    parts = ["stereocalib", "run", session.spec, "--out", "out", "--method", session.config.method]
+    if session.rig is not None:
+        parts += ["--rig", str(session.rig)]
+    if session.frames is not None:
+        first, last = session.frames
+        parts += ["--frames", f"{first}:{last}"]
+    return shlex.join(parts)

@@ -1,0 +1,80 @@
+"""Errors of every path against the distance travelled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app import palette, plots
+from app.moment import Moment
+from app.plots import Chart, Curve
+
+if TYPE_CHECKING:
+    from app.page import Page
+
+NAMES = tuple(name for name in palette.VARIANT if name != "ground_truth")
+PLOT_PX = 110
+
+
+def error_charts(moment: Moment | None) -> tuple[list[Chart], float | None]:
+    """Position and heading error over distance for every shown path, and where `now` is."""
+    errors = {} if moment is None else dict(moment.paths.errors)
+    hidden = {} if moment is None else moment.settings.paths
+    known = {n: e for n, e in errors.items() if e.distance_m is not None and hidden.get(n, True)}
+    if not known:
+        x = np.array([0.0, 1.0])
+        empty = tuple(Curve(palette.VARIANT_NAME[n], np.full(2, np.nan), palette.VARIANT[n]) for n in NAMES)
+        labels = ("error m", "heading °")
+        return [Chart(x, empty, (), (0.0, 1.0), label, "distance m", "metres") for label in labels], None
+    x = next(iter(known.values())).distance_m
+    assert x is not None
+    charts = []
+    for label, pick in (("error m", "miss_m"), ("heading °", "heading_deg")):
+        curves = []
+        for name in NAMES:
+            values = getattr(known[name], pick) if name in known else None
+            held = np.full(len(x), np.nan)
+            if values is not None:
+                held[: min(len(x), len(values))] = values[: len(x)]
+            curves.append(Curve(palette.VARIANT_NAME[name], held, palette.VARIANT[name], width=2.0))
+        every = np.concatenate([c.values for c in curves])
+        top = max(0.5, 1.08 * float(np.nanmax(np.abs(every))))
+        low = 0.0 if pick == "miss_m" else -top
+        charts.append(Chart(x, tuple(curves), (), (low, top), label, "distance m", "metres"))
+    now = float(x[min(moment.frame, len(x) - 1)]) if moment is not None else None
+    return charts, now
+
+
+class ErrorsPanel:
+    """A tab of the time line's panel."""
+
+    def __init__(self, page: Page) -> None:
+        gui = page.gui
+        self._note = gui.add_markdown("")
+        charts, _ = error_charts(None)
+        self._plots: list[Any] = [
+            gui.add_uplot(plots.chart_data(chart, None), **plots.chart_options(chart, PLOT_PX, show_x=True))
+            for chart in charts
+        ]
+        self._charts = charts
+        self._now: float | None = None
+
+    def update(self, moment: Moment) -> None:
+        """Redraw where paths or the frame changed."""
+        if not moment.paths.errors:
+            self._note.content = "The paths appear as soon as some frames are computed."
+            return
+        if all(e.distance_m is None for e in moment.paths.errors.values()):
+            self._note.content = "This drive has no true path to compare with: only the lengths are known."
+            return
+        self._note.content = (
+            "Distance from the truth over distance travelled, laid together at the first frame."
+        )
+        charts, now = error_charts(moment)
+        for plot, chart, old in zip(self._plots, charts, self._charts, strict=True):
+            options = plots.chart_options(chart, PLOT_PX, show_x=True)
+            if chart.y_range != old.y_range or (chart.x[0], chart.x[-1]) != (old.x[0], old.x[-1]):
+                plot.scales = options["scales"]
+            plot.data = plots.chart_data(chart, now)
+        self._charts = charts

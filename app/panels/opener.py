@@ -1,0 +1,48 @@
+"""Open another drive from the page: a path below the root that the server was given, or a small zip."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from app import text
+from app.moment import Moment
+
+if TYPE_CHECKING:
+    from app.page import Page
+
+
+class OpenPanel:
+    """A tab of the main panel."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        gui = page.gui
+        root = page.hub.library.root
+        gui.add_markdown(
+            "A folder (KITTI odometry, KITTI raw, plain `left/ right/ camera.yaml`), an earlier run, or "
+            f"`synthetic`. Paths are read below\n\n`{text.escape(root, 120)}`"
+        )
+        self._path = gui.add_text(
+            "Source", "", hint="A path below the folder above, or synthetic:town?frames=200"
+        )
+        self._open = gui.add_button("Open")
+        self._upload = gui.add_upload_button(
+            "Upload a zip",
+            mime_type=".zip,application/zip",
+            hint="A plain folder or KITTI sequence, at most 200 MB.",
+        )
+        self._compare = gui.add_text("Compare with", "", hint="The output folder of an earlier run.")
+        self._lay = gui.add_button("Compare side by side")
+        self._state = gui.add_markdown("")
+        page.on_click(self._open, lambda _: page.hub.open(page, self._path.value))
+        page.on_click(self._lay, lambda _: page.hub.compare(page, self._compare.value))
+
+        @self._upload.on_upload
+        def _(event: Any) -> None:
+            page.run_for_client(event, lambda _client: page.hub.open_upload(page, event.target.value))
+
+    def update(self, moment: Moment) -> None:
+        """Say what the source lacks."""
+        if moment.drive_changed:
+            notices = moment.session.source.notices
+            self._state.content = "\n".join(f"- {text.escape(line)}" for line in notices[:12])

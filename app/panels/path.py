@@ -1,0 +1,81 @@
+"""The paths: which are shown, what they are coloured by, and how far each ends from the truth."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from app import palette, text
+from app.moment import Moment
+
+if TYPE_CHECKING:
+    from app.page import Page
+
+
+class PathPanel:
+    """A tab of the main panel."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        gui = page.gui
+        truth = page.session.source.ground_truth
+        names = [
+            n
+            for n in palette.VARIANT
+            if n != "ground_truth" or (truth is not None and truth.poses is not None)
+        ]
+        self._shown: dict[str, Any] = {}
+        gui.add_markdown(
+            "&nbsp; ".join(
+                f'<span style="color:{palette.css(palette.VARIANT[n])}">▬</span> {palette.VARIANT_NAME[n]}'
+                for n in names
+            )
+        )
+        for name in names:
+            self._shown[name] = gui.add_checkbox(
+                palette.VARIANT_NAME[name], True, hint="Show or hide this path."
+            )
+            page.on_input(self._shown[name], lambda value, n=name: self._show(n, value))
+        self._follow = gui.add_checkbox(
+            "Follow the car", True, hint="Keep the car in view; off shows the whole drive."
+        )
+        self._cloud = gui.add_checkbox("Point cloud", True, hint="The coloured points of this pair.")
+        self._error = gui.add_checkbox(
+            "Colour by error", False, hint="Colours the autocalibrated path by its distance from the truth."
+        )
+        page.on_input(self._follow, lambda value: page.change(follow=value))
+        page.on_input(self._cloud, lambda value: page.change(cloud=value))
+        page.on_input(self._error, lambda value: page.change(color_by_error=value))
+        self._table = gui.add_markdown("")
+
+    def _show(self, name: str, value: bool) -> None:
+        self._page.change(paths=MappingProxyType({**self._page.settings.paths, name: value}))
+
+    def update(self, moment: Moment) -> None:
+        """Show what is set, and the table."""
+        if moment.settings_changed:
+            self._follow.value, self._cloud.value = moment.settings.follow, moment.settings.cloud
+            self._error.value = moment.settings.color_by_error
+            for name, handle in self._shown.items():
+                handle.value = moment.settings.paths.get(name, True)
+        if moment.drive_changed or moment.settings_changed:
+            self._table.content = self._errors(moment)
+
+    def _errors(self, moment: Moment) -> str:
+        errors = moment.paths.errors
+        if not errors:
+            return "The paths appear as soon as some frames are computed."
+        rows = []
+        for name, found in errors.items():
+            summary, color = found.summary, palette.css(palette.VARIANT[name])
+            percent = text.number(summary.final_translation_percent, 2, " %")
+            final = text.number(summary.final_translation_m, 2, " m")
+            rows.append(
+                [
+                    f'<span style="color:{color}">▬</span> {palette.VARIANT_NAME[name]}',
+                    text.number(summary.path_m, 1, " m"),
+                    final if percent == "–" else f"{final} ({percent})",
+                    text.number(summary.final_rotation_deg, 2, "°"),
+                ]
+            )
+        return text.table(["path", "length", "final error", "heading"], rows)
