@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import importlib.util
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stereocalib_core import __version__, io
 from stereocalib_core import config as settings
-from stereocalib_core import io
+from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.errors import ConfigError, StereoCalibError
-from stereocalib_core.frames import FrameSource, GroundTruth
+from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
+from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
 from stereocalib_core.output_folder import OutputFolder
 from stereocalib_core.report import build_report
 from stereocalib_core.results import DriveAnalysis, FrameResult, Rig
 from stereocalib_core.sources import open_source, prefetch
 from stereocalib_core.tolerance import Tolerance, within_tolerance
 
+CHECKPOINT = "checkpoint.bin"
 FILES = (
     "config.json",
     "rig.yaml",
@@ -28,6 +32,8 @@ FILES = (
     "trajectory.tum",
     "report.json",
     "recording.rrd",
+    CHECKPOINT,
+    ".*.tmp",
 )
 Progress = Callable[[int, int, str], None]
 """Called with frames done, frames in all, and what is being done."""
@@ -37,7 +43,31 @@ class Interrupted(KeyboardInterrupt):
     """The user stopped the run; what was done by then is in the output folder."""
 
     def __init__(self, done: int, total: int) -> None:
-        super().__init__(f"stopped after {done} of {total} frames")
+        super().__init__(f"after {done} of {total} frames; --resume goes on from there")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One drive to be run, checked and ready."""
+
+    spec: str
+    out: Path
+    source: FrameSource
+    config: PipelineConfig
+    start: int
+    stop: int
+    rig: Rig | None
+    tolerances: dict[str, Tolerance]
+
+    def header(self) -> dict[str, Any]:
+        """What must be equal for a stopped run to go on."""
+        return {
+            "version": __version__,
+            "source": self.source.content_key,
+            "camera": dataclasses.asdict(self.source.camera),
+            "settings": settings.to_dict(self.config),
+            "first frame": self.start,
+        }
 
 
 def run_drive(
@@ -49,87 +79,119 @@ def run_drive(
     tolerances: dict[str, Tolerance] | None = None,
     *,
     overwrite: bool = False,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Process SOURCE `spec` into `out` and return the report.
 
     frames: zero-based, half open; None = from the first, to the last.
+    resume: go on after the last frame that a stopped or killed run finished in `out`.
     Raises StereoCalibError with nothing left in `out`, Interrupted with valid files there.
     """
-    config = config or PipelineConfig()
-    folder = OutputFolder(out, FILES, overwrite)
+    folder = OutputFolder(out, FILES, overwrite, resume)
     source = open_source(spec)
     start, stop = frame_range(frames, len(source))
+    job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {})
+    resume = resume and not overwrite
+    if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
+        return _finished(job)
+    earlier, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
     folder.create()
-    results: list[FrameResult] = []
-    total_ms: list[float] = []
-    began = time.perf_counter()
     try:
-        _front_end(source, config, start, stop, results, total_ms, progress)
-        elapsed_s = time.perf_counter() - began
-        if progress:
-            progress(len(results), stop - start, "analysing the drive")
-        analysis = _analyse(results, source, config, start, stop, rig)
-        return _write(
-            out, spec, source.notices, config, results, analysis, elapsed_s, total_ms, tolerances or {}
-        )
-    except KeyboardInterrupt:
-        if not results:
-            folder.undo()
-            raise
-        _write(out, spec, source.notices, config, results, None, time.perf_counter() - began, total_ms, {})
-        raise Interrupted(len(results), stop - start) from None
-    except StereoCalibError:
+        return _run(job, earlier[: stop - start], keep, progress)
+    except Interrupted:
+        raise
+    except (StereoCalibError, KeyboardInterrupt):
         folder.undo()
         raise
+
+
+def _resumable(out: Path, resume: bool) -> bool:
+    checkpoint = out / CHECKPOINT
+    return resume and checkpoint.is_file() and checkpoint.stat().st_size > 0
+
+
+def _finished(job: Job) -> dict[str, Any]:
+    """The report of a run that needs no resuming, if it was this one."""
+    report = io.read_json(job.out / "report.json")
+    wanted = (io.plain(settings.to_dict(job.config)), job.stop - job.start)
+    if (io.read_json(job.out / "config.json"), report.get("frames")) != wanted:
+        raise OutputError("finished run of other settings", job.out, "name a new folder, or add --overwrite")
+    return report
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:
     """First frame and the one after the last; raises ConfigError when no frame is left."""
     start = 0 if frames[0] is None else frames[0]
     stop = count if frames[1] is None else frames[1]
+    if start >= count > 0:
+        raise ConfigError("range of frames outside the drive", f"{start}:{stop}", f"it has {count} frames")
     if not 0 <= start < stop:
         raise ConfigError("empty range of frames", f"{start}:{stop}", "write A:B with A < B")
-    if start >= count:
-        raise ConfigError("range of frames outside the drive", f"{start}:{stop}", f"it has {count} frames")
     return start, min(stop, count)
 
 
-def _front_end(
-    source: FrameSource,
-    config: PipelineConfig,
-    start: int,
-    stop: int,
-    results: list[FrameResult],
-    total_ms: list[float],
-    progress: Progress | None,
-) -> None:
+def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | None) -> dict[str, Any]:
+    done = list(earlier)
+    checkpoint = Checkpoint(job.out / CHECKPOINT, job.header(), keep)
+    began = time.perf_counter()
+    try:
+        for finished in _front_end(job, earlier):
+            done.append(checkpoint.append(finished))
+            if progress:
+                progress(len(done), job.stop - job.start, "frames")
+        elapsed_s = time.perf_counter() - began + 1e-3 * sum(d.total_ms for d in earlier)
+        if progress:
+            progress(len(done), job.stop - job.start, "analysing the drive")
+        analysis = _analyse([d.result for d in done], job)
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        _write(job, done, None, 1e-3 * sum(d.total_ms for d in done))
+        raise Interrupted(len(done), job.stop - job.start) from None
+    finally:
+        checkpoint.close()
+    report = _write(job, done, analysis, elapsed_s)
+    (job.out / CHECKPOINT).unlink(missing_ok=True)
+    return report
+
+
+def _front_end(job: Job, earlier: list[Done]) -> Iterator[Done]:
+    """The frames that are still to be done, one by one."""
     from stereocalib_core.pipeline import FrontEnd
 
-    front_end = FrontEnd(source.camera, config)
+    front_end = FrontEnd(job.source.camera, job.config)
+    if earlier:
+        recall(front_end, job.source, earlier)
     before = time.perf_counter()
-    for frame in prefetch(source, start, stop):
-        results.append(front_end.step(frame))
+    for frame in prefetch(job.source, job.start + len(earlier), job.stop):
+        result = front_end.step(frame)
         now = time.perf_counter()
-        total_ms.append(1e3 * (now - before))
-        before = now
-        if progress:
-            progress(len(results), stop - start, "frames")
+        yield Done(result, front_end.memory, 1e3 * (now - before))
+        before = time.perf_counter()
 
 
-def _analyse(
-    results: list[FrameResult],
-    source: FrameSource,
-    config: PipelineConfig,
-    start: int,
-    stop: int,
-    rig: Rig | None,
-) -> DriveAnalysis | None:
+def recall(front_end: Any, source: FrameSource, earlier: list[Done]) -> None:
+    """Bring a new front end to where it was after `earlier`, by looking once more at the last frames of it."""
+    last = earlier[-1].result.frame
+    memory = earlier[-1].memory
+    first = memory.tracked
+    again: list[StereoFrame] = []
+    for index in range(last, earlier[0].result.frame - 1, -1):
+        frame = source[index]
+        again.insert(0, frame)
+        if index == first or (first is None and frame.failure is None):
+            break
+    before = [d.result.road for d in earlier if d.result.frame < again[0].index and d.result.road is not None]
+    front_end.recall(again, before[-1].extrinsics if before else None, memory)
+
+
+def _analyse(results: list[FrameResult], job: Job) -> DriveAnalysis | None:
     if importlib.util.find_spec("stereocalib_core.drive") is None:
         return None
     drive = importlib.import_module("stereocalib_core.drive")
-    truth = cut_truth(source.ground_truth, start, stop)
-    analysis: DriveAnalysis = drive.analyse(results, source.camera, config, truth, rig)
+    truth = cut_truth(job.source.ground_truth, job.start, job.stop)
+    analysis: DriveAnalysis = drive.analyse(results, job.source.camera, job.config, truth, job.rig)
     return analysis
 
 
@@ -146,28 +208,20 @@ def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth |
     )
 
 
-def _write(
-    out: Path,
-    spec: str,
-    notices: tuple[str, ...],
-    config: PipelineConfig,
-    results: list[FrameResult],
-    analysis: DriveAnalysis | None,
-    elapsed_s: float,
-    total_ms: list[float],
-    tolerances: dict[str, Tolerance],
-) -> dict[str, Any]:
+def _write(job: Job, done: list[Done], analysis: DriveAnalysis | None, elapsed_s: float) -> dict[str, Any]:
     """All files of a run; report.json last, so that its presence means that the others are there."""
-    report = build_report(spec, config.method, results, analysis, elapsed_s, total_ms)
-    report["notices"] = list(notices)
-    report["mount"]["within_tolerance"] = within_tolerance(report["mount"], tolerances)
-    io.write_json(out / "config.json", settings.to_dict(config))
+    results, out = [d.result for d in done], job.out
+    report = build_report(
+        job.spec, job.config.method, results, analysis, elapsed_s, [d.total_ms for d in done]
+    )
+    report["notices"] = list(job.source.notices)
+    report["mount"]["within_tolerance"] = within_tolerance(report["mount"], job.tolerances)
+    io.write_json(out / "config.json", settings.to_dict(job.config))
     io.write_extrinsics_csv(out / "extrinsics.csv", results, None if analysis is None else analysis.filtered)
     if analysis is not None:
         io.write_rig(out / "rig.yaml", analysis.rig or Rig())
         if analysis.poses is not None:
-            times_s = io.timestamps(results)
             io.write_kitti(out / "trajectory.txt", analysis.poses)
-            io.write_tum(out / "trajectory.tum", times_s, analysis.poses)
+            io.write_tum(out / "trajectory.tum", io.timestamps(results), analysis.poses)
     io.write_json(out / "report.json", report)
     return report

@@ -19,6 +19,7 @@ from stereocalib_core import pipeline
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.pipeline import FrontEndMemory
 from stereocalib_core.results import FrameResult, RoadEstimate
 
 ONE_LINE = re.compile(r"stereocalib: error: [^:\n]+: .+: .+\n")
@@ -29,6 +30,7 @@ class FakeFrontEnd:
 
     fail_from = 10**9
     interrupt_at = 10**9
+    memory = FrontEndMemory(None, None)
 
     def __init__(self, *_: object) -> None:
         pass

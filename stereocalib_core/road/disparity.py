@@ -46,7 +46,11 @@ def compute(
         left, right = half_size(left), half_size(right)
     offset = camera.disparity_offset_px
     first = int(np.floor(offset / step))
-    count = int(np.ceil(config.max_disparity_px / step / 16)) * 16
+    wanted = int(np.ceil(config.max_disparity_px / step / 16)) * 16
+    # The matcher needs some columns that see the whole search range; narrow pictures are searched less far.
+    count = min(wanted, (left.shape[1] - abs(first) - 8) // 16 * 16)
+    if count < 16:
+        return DisparityMap(np.full(left.shape, np.nan, np.float32), step)
     raw = _matcher(first, count, config).compute(left, right)
     scale = np.float32(step / _SUBPIXEL)
     values = raw.astype(np.float32)
