@@ -4,6 +4,8 @@
 milliseconds; `run` does both from a folder and writes the report.
 """
 
+import numpy as np
+
 from stereocalib_core.lidar_camera.calibrate import calibrate, ticked_mask
 from stereocalib_core.lidar_camera.calibration import Calibration, HeldOut, PairResult
 from stereocalib_core.lidar_camera.camera import BoardCamera
@@ -11,6 +13,8 @@ from stereocalib_core.lidar_camera.detect import Detection, detect
 from stereocalib_core.lidar_camera.folder import BoardFolder, open_folder
 from stereocalib_core.lidar_camera.observability import Observability
 from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation, PlaneEstimate
+from stereocalib_core.lidar_camera.outline import overlaps
+from stereocalib_core.lidar_camera.pcd import lzf_decompress
 from stereocalib_core.lidar_camera.refine import Iteration, Noise
 from stereocalib_core.lidar_camera.run import run
 
@@ -22,9 +26,6 @@ __all__ = [
 
 
 def warm_up() -> None:
-    """Compile what is compiled: the unpacker of compressed PCD files."""
-    import numpy as np
-
-    from stereocalib_core.lidar_camera.pcd import lzf_decompress
-
+    """Compile what is compiled: the outline search and the unpacker of compressed PCD files."""
     lzf_decompress(np.array([0, 7], dtype=np.uint8), 1)
+    overlaps(np.zeros((1, 2)), np.ones(1, dtype=bool), np.ones(2), 0.0, np.zeros(1), np.zeros((1, 2)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from stereocalib_core.lidar_camera.planes import plane_through, ransac_plane, ta
 MOST_RAYS = 60_000
 MOST_SEEDS = 6000
 SECTORS = 8
+LEAST_PATCH = 8
 LEAST_SCORE = 0.5
 LEAST_INCIDENCE = 0.12
 MOST_CANDIDATES = 8
@@ -51,7 +53,8 @@ def find_candidates(points: Array, board: BoardSpec, farthest_m: float) -> list[
     reach = np.linalg.norm(means, axis=1)
     facing = np.abs(np.sum(normals * means, axis=1)) > LEAST_INCIDENCE * reach
     chosen = np.flatnonzero(wide & facing & (flatness < 0.7 * tolerance))
-    chosen = chosen[_stands_free(near, tree, means[chosen], normals[chosen], board, tolerance)]
+    coarse = _one_per_voxel(near, board.short_side_m / 12)
+    chosen = chosen[_stands_free(coarse, means[chosen], normals[chosen], board, tolerance)]
     found: list[BoardCandidate] = []
     for plane, center in _settle(near, tree, means[chosen], normals[chosen], board, tolerance):
         outline = fit_outline(rays, plane, center, board, tolerance)
@@ -94,7 +97,7 @@ def _neighbours(tree: cKDTree, places: Array, radius_m: float) -> tuple[NDArray[
     lists = tree.query_ball_point(places, radius_m)
     lengths = np.array([len(each) for each in lists], dtype=np.int64)
     owner = np.repeat(np.arange(len(places)), lengths)
-    return owner, np.fromiter((i for each in lists for i in each), dtype=np.int64, count=int(lengths.sum()))
+    return owner, np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(lengths.sum()))
 
 
 def _patches(
@@ -112,17 +115,17 @@ def _patches(
             second[:, a, b] = second[:, b, a] = moment - first[:, a] * first[:, b]
     values, vectors = np.linalg.eigh(second)
     rms = np.sqrt(np.maximum(values, 0.0))
-    breadth = np.where(count >= 8, rms[:, 1], 0.0)
+    breadth = np.where(count >= LEAST_PATCH, rms[:, 1], 0.0)
     return seeds + first, vectors[:, :, 0], rms[:, 0], breadth
 
 
 def _stands_free(
-    points: Array, tree: cKDTree, centers: Array, normals: Array, board: BoardSpec, tolerance_m: float
+    points: Array, centers: Array, normals: Array, board: BoardSpec, tolerance_m: float
 ) -> NDArray[np.bool_]:
-    """Whether the plane ends beyond the board's half diagonal: in a ring outside it most sectors are empty."""
+    """Whether the plane ends beyond the board's half diagonal: most sectors of a ring outside it are empty."""
     inner = 0.5 * board.diagonal_m + 0.08 * board.short_side_m
     outer = inner + 0.35 * board.short_side_m
-    owner, index = _neighbours(tree, centers, outer)
+    owner, index = _neighbours(cKDTree(points), centers, outer)
     local = points[index] - centers[owner]
     basis = tangent_basis(normals)
     a = np.sum(local * basis[owner, 0], axis=1)
@@ -138,28 +141,34 @@ def _settle(
     points: Array, tree: cKDTree, centers: Array, normals: Array, board: BoardSpec, tolerance_m: float
 ) -> list[tuple[Plane, Array]]:
     """Move each patch to the middle of its own plane's points, and keep one of each place."""
+    places, facings = np.zeros((0, 3)), np.zeros((0, 3))
     settled: list[tuple[Plane, Array]] = []
+    near_m = 0.15 * board.short_side_m
     for center, normal in zip(centers, normals, strict=True):
+        if _known(center, normal, places, facings, near_m):
+            continue
+        on = np.zeros(0, dtype=bool)
         for _ in range(4):
             local = points[tree.query_ball_point(center, 0.5 * board.diagonal_m)]
             on = np.abs((local - center) @ normal) < tolerance_m
-            if on.sum() < 8:
+            if on.sum() < LEAST_PATCH:
                 break
             plane, moved = plane_through(local[on])
             shift = float(np.linalg.norm(moved - center))
             normal, center = plane.normal, moved
             if shift < 0.01 * board.short_side_m:
                 break
-        else:
-            shift = 0.0
-        if on.sum() >= 8 and not any(_same_place(center, normal, p, c, board) for p, c in settled):
-            settled.append((Plane(normal, float(normal @ center)), center))
-    return [(p if p.offset_m >= 0 else Plane(-p.normal, -p.offset_m), c) for p, c in settled]
+        if on.sum() >= LEAST_PATCH and not _known(center, normal, places, facings, near_m):
+            places, facings = np.vstack([places, center]), np.vstack([facings, normal])
+            offset = float(normal @ center)
+            settled.append((Plane(-normal, -offset) if offset < 0 else Plane(normal, offset), center))
+    return settled
 
 
-def _same_place(center: Array, normal: Array, plane: Plane, other: Array, board: BoardSpec) -> bool:
-    close = float(np.linalg.norm(center - other)) < 0.15 * board.short_side_m
-    return close and abs(float(normal @ plane.normal)) > 0.98
+def _known(center: Array, normal: Array, places: Array, facings: Array, near_m: float) -> bool:
+    gap = places - center
+    close = np.sqrt(np.sum(gap * gap, axis=1)) < near_m
+    return bool((close & (np.abs(facings @ normal) > 0.98)).any())
 
 
 def _without_doubles(candidates: list[BoardCandidate], distance_m: float) -> list[BoardCandidate]:

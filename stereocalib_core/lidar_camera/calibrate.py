@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array
+from stereocalib_core.geometry import Array, invert_transform
 from stereocalib_core.lidar_camera.baselines import points_on_plane, unnikrishnan_hebert
 from stereocalib_core.lidar_camera.calibration import Calibration, HeldOut, PairResult
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.consensus import FORWARD_LEFT_UP, Candidates, agree
-from stereocalib_core.lidar_camera.observability import Observability, is_edge_on, observability
+from stereocalib_core.lidar_camera.observability import (
+    EDGE_ON,
+    Observability,
+    edge_on_words,
+    is_edge_on,
+    observability,
+)
 from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.lidar_camera.planes import MIXED_FLOOR
 from stereocalib_core.lidar_camera.refine import (
@@ -61,11 +67,12 @@ def calibrate(
     refused = {o.name: o.reason for o in observations if not o.ok}
     refused |= {o.name: "left out" for o, on in zip(observations, ticked, strict=True) if o.ok and not on}
     usable = [o for o, on in zip(observations, ticked, strict=True) if o.ok and on]
-    edge_on = tuple(o.name for o in usable if _edge_on_sensor(o)) + tuple(
-        o.name for o in observations if not o.ok and o.reason.startswith("edge-on")
+    through = {o.name: sensor for o in usable if (sensor := _edge_on_sensor(o))}
+    refused |= {name: edge_on_words(sensor) for name, sensor in through.items()}
+    usable = [o for o in usable if o.name not in through]
+    edge_on = tuple(through) + tuple(
+        o.name for o in observations if not o.ok and o.reason.startswith(EDGE_ON)
     )
-    refused |= {o.name: f"edge-on: the board's plane passes through the {_edge_on_sensor(o)}'s origin" for o in usable if _edge_on_sensor(o)}  # fmt: skip
-    usable = [o for o in usable if not _edge_on_sensor(o)]
     if not usable and not edge_on:
         why = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
         raise SourceError(
@@ -242,22 +249,17 @@ def _held_out(pairs: PlanePairs, problem: JointProblem, refined: Refined) -> Hel
     """Each pair under the transform of the others."""
     if len(pairs) < 4:
         return HeldOut(float("nan"), float("nan"))
-    others = leave_one_out(pairs, refined.state.T_camera_lidar)[0]
-    ends = np.cumsum(problem.counts)
-    planes, corners = [], []
-    for i, (end, count) in enumerate(zip(ends, problem.counts, strict=True)):
-        points = problem.points[end - count : end] @ others[i, :3, :3].T + others[i, :3, 3]
-        planes.append((points @ pairs.normals_camera[i] - pairs.offsets_camera[i]) ** 2)
-        alone = replace(
-            problem, corners=problem.corners[i : i + 1], points=problem.points[end - count : end],
-            counts=problem.counts[i : i + 1],
-        )  # fmt: skip
-        state = JointState(others[i], refined.state.T_camera_boards[i : i + 1], refined.state.camera)
-        state = refine(alone, state, fixed=True).state
-        corners.append(np.sum(corner_errors(alone, state) ** 2, axis=-1).ravel())
-    return HeldOut(
-        float(np.sqrt(np.mean(np.concatenate(planes)))), float(np.sqrt(np.mean(np.concatenate(corners))))
-    )
+    T = refined.state.T_camera_lidar
+    others = leave_one_out(pairs, T)[0]
+    # Points moved so that the common transform does to them what their own one would: one system for all.
+    own = np.repeat(invert_transform(T) @ others, problem.counts, axis=0)
+    points = np.einsum("pab,pb->pa", own[:, :3, :3], problem.points) + own[:, :3, 3]
+    in_camera = points @ T[:3, :3].T + T[:3, 3]
+    normals = np.repeat(pairs.normals_camera, problem.counts, axis=0)
+    distance = np.sum(in_camera * normals, axis=1) - np.repeat(pairs.offsets_camera, problem.counts)
+    moved = replace(problem, points=points)
+    corners = corner_errors(moved, refine(moved, refined.state, fixed=True).state)
+    return HeldOut(float(np.sqrt(np.mean(distance**2))), float(np.sqrt(np.mean(np.sum(corners**2, axis=-1)))))
 
 
 def _pair_results(
@@ -280,7 +282,8 @@ def _pair_results(
             i = index[o.name]
             angle, offset, aside = _against(pairs.select(np.array([i])), T)
             rms = float(np.sqrt(corner[i].mean()))
-            results.append(PairResult(o.name, "ok", "", float(plane_rms[i]), rms, angle, offset, aside, state.T_camera_boards[i]))  # fmt: skip
+            pose = state.T_camera_boards[i]
+            results.append(PairResult(o.name, "ok", "", float(plane_rms[i]), rms, angle, offset, aside, pose))
         else:
             results.append(_refused_result(o, refused.get(o.name, ""), T))
     return tuple(results), float(np.sqrt(np.mean(distance**2))), float(np.sqrt(corner.mean()))

@@ -19,7 +19,7 @@ ANGLE_RAD = np.deg2rad(6.0)
 MOST_PROPOSALS = 4000
 USUAL_BASELINE_M = 3.0
 FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""Rotation of a LiDAR with x forward, z up into a camera that looks along it: what is assumed when one board says nothing."""
+"""Rotation of a LiDAR with x forward, z up into a camera that looks along it: assumed where nothing else says."""
 
 
 @dataclass(frozen=True)

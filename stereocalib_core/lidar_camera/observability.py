@@ -20,6 +20,7 @@ POOR_SIGMA_M, POOR_SIGMA_RAD = 0.03, np.deg2rad(1.0)
 LEAST_INCIDENCE = 0.05
 """A plane seen under less than 3 degrees passes, for all that can be measured, through the sensor's origin."""
 ADDED_TILT_RAD = np.deg2rad(40.0)
+EDGE_ON = "edge-on"
 AXES = ("x (right)", "y (down)", "z (forward)")
 
 
@@ -64,7 +65,10 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
         )
         return Observability(values, "degenerate", f"{why}; {advice}. {through}".strip(), missing)
     if count < 3 or values[2] < DEGENERATE:
-        why = f"the normals of the {count} boards lie in one plane: the shift along {name_direction(missing)} cannot be observed"
+        why = (
+            f"the normals of the {count} boards lie in one plane: the shift along {name_direction(missing)} "
+            "cannot be observed"
+        )
         return Observability(values, "degenerate", f"{why}; {advice}. {through}".strip(), missing)
     return _by_sigma(values, covariance, missing, advice, count)
 
@@ -133,3 +137,8 @@ def _edge_on_words(names: tuple[str, ...]) -> str:
 def is_edge_on(incidence: float) -> bool:
     """Whether a board seen under this cosine passes through the sensor's origin as far as can be told."""
     return not incidence >= LEAST_INCIDENCE
+
+
+def edge_on_words(sensor: str) -> str:
+    """The reason of a pair whose board is seen edge-on by "LiDAR" or "camera"."""
+    return f"{EDGE_ON}: the board's plane passes through the {sensor}'s origin"

@@ -70,11 +70,7 @@ def _parse_header(raw: bytes, path: Path) -> Header:
         data = words["DATA"][0].lower()
     except (KeyError, ValueError, IndexError) as error:
         raise SourceError("PCD header is damaged", path, f"{type(error).__name__} {error}") from error
-    if (
-        not len(names) == len(types) == len(counts)
-        or not 0 <= points
-        or not all(1 <= c <= 65536 for c in counts)
-    ):
+    if not len(names) == len(types) == len(counts) or points < 0 or not all(1 <= c <= 65536 for c in counts):
         raise SourceError("PCD header contradicts itself", path, "write the cloud again")
     if data not in ("ascii", "binary", "binary_compressed"):
         raise SourceError("PCD data of unknown kind", path, data[:40])
@@ -135,7 +131,7 @@ def _read_compressed(body: bytes, header: Header, path: Path) -> Array:
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def lzf_decompress(packed: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
     """LZF: (M,) uint8 to (size,) uint8; shorter when the input is damaged. Compiled: 50 times quicker."""
     out = np.empty(size, dtype=np.uint8)

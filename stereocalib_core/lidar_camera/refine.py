@@ -21,6 +21,8 @@ from stereocalib_core.lidar_camera.solve import pseudo_inverse
 
 HUBER = 2.5
 MOST_ITERATIONS = 40
+SETTLED = 1e-8
+"""Relative gain below which the iteration ends."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def refine(
             break
         gain, cost, rms, state = cost - moved_cost, moved_cost, moved_rms, moved
         history.append(Iteration(cost, rms))
-        if gain <= 1e-9 * cost:
+        if gain <= SETTLED * cost:
             break
     system = _linearise(problem, state, with_intrinsics)
     reduced = system.H_gg - np.einsum("mgb,mbc,mhc->gh", system.H_gb, np.linalg.inv(system.H_bb), system.H_gb)
