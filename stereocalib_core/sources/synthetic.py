@@ -8,8 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import GroundTruth, StereoFrame
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.synthetic.cache import FrameCache, Pictures
+from stereocalib_core.synthetic.faults import any_active
+from stereocalib_core.synthetic.lookahead import Lookahead
 from stereocalib_core.synthetic.settings import DriveSettings, parse_spec
 from stereocalib_core.synthetic.studio import FrameTruth, Studio
 
@@ -18,11 +22,15 @@ RENDERER_VERSION = 1
 
 
 class SyntheticSource:
-    """A `FrameSource` that renders. Frames may be read in any order, from any thread."""
+    """A `FrameSource` that renders ahead of its reader and keeps what it rendered on disk.
 
-    def __init__(self, settings: DriveSettings) -> None:
+    Frames may be read in any order, from any thread.
+    """
+
+    def __init__(self, settings: DriveSettings, cache: FrameCache | None = None) -> None:
         self.settings = settings
         self.studio = Studio(settings)
+        self._cache = FrameCache(self.content_key) if cache is None else cache
 
     @classmethod
     def from_spec(cls, spec: str) -> SyntheticSource:
@@ -56,14 +64,22 @@ class SyntheticSource:
 
     @property
     def T_camera_lidar(self) -> NDArray[np.float64] | None:
-        """(4, 4), with `lidar=1`."""
-        return None
+        """(4, 4) as calibrated, with `lidar=1`; a `lidar_knock` moves the sensor, not this."""
+        return self.studio.T_camera_lidar if self.settings.lidar else None
 
     @cached_property
     def content_key(self) -> str:
-        """Names everything that the frames depend on."""
+        """Names everything that the frames depend on, the pose file's content included."""
         text = f"{RENDERER_VERSION} {self.settings!r}"
-        return hashlib.sha256(text.encode()).hexdigest()[:24]
+        digest = hashlib.sha256(text.encode())
+        if self.settings.path is not None:
+            with open(self.settings.path, "rb") as file:
+                digest.update(file.read())
+        return digest.hexdigest()[:24]
+
+    @cached_property
+    def _lookahead(self) -> Lookahead[Pictures]:
+        return Lookahead(self._make, len(self))
 
     def __len__(self) -> int:
         return len(self.studio.drive)
@@ -71,8 +87,22 @@ class SyntheticSource:
     def __getitem__(self, index: int) -> StereoFrame:
         if not 0 <= index < len(self):
             raise IndexError(index)
-        left, right = self.studio.pictures(index)
-        return StereoFrame(index, float(self.timestamps_s[index]), left, right)
+        time_s = float(self.timestamps_s[index])
+        left, right, scan = self._lookahead.get(index)
+        if any_active(self.settings.faults, "drop", index):
+            return StereoFrame(
+                index, time_s, None, None, Failure(FailureReason.MISSING_PAIR, "frame dropped"), scan
+            )
+        return StereoFrame(index, time_s, left, right, None, scan)
+
+    def _make(self, index: int) -> Pictures:
+        """One frame from the disk or from the studio."""
+        kept = self._cache.read(index)
+        if kept is not None:
+            return kept
+        pictures = self.studio.frame(index)
+        self._cache.write(index, pictures)
+        return pictures
 
     def truth(self, index: int) -> FrameTruth:
         """Dense true disparity and labels of the left picture."""

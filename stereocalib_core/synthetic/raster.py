@@ -22,7 +22,7 @@ PLANES = 18
 FLAG_TWO_SIDED, FLAG_ALPHA, FLAG_GROUND, FLAG_UNLIT = 1, 2, 4, 8
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def set_up(  # type: ignore[no-untyped-def]
     vertices, normals, coordinates, tones, flags, draws, poses, suns, gains, K, size, planes, source, boxes
 ):
@@ -120,7 +120,7 @@ def set_up(  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def fill(  # type: ignore[no-untyped-def]
     count, planes, source, boxes, flags, textures, texels, table, levels, inverse_depth, ids
 ):
@@ -183,10 +183,18 @@ def fill(  # type: ignore[no-untyped-def]
             level = min(level, levels[tex] - 4)
             offset, lw, lh = table[tex, level, 0], table[tex, level, 1], table[tex, level, 2]
             scale = 1.0 / (1 << level)
+            one = np.uint64(1)
+            mask_w, mask_h = (one << np.uint64(lw)) - one, (one << np.uint64(lh)) - one
             for x in range(first, last + 1):
                 if w > inverse_depth[row, x]:
                     z = scale / w
-                    if bilinear(texels, offset, lw, lh, s * z, t * z) > 127.0:
+                    if level == 0:
+                        opaque = bilinear(texels, offset, lw, lh, s * z, t * z) > 127.0
+                    else:
+                        column = np.uint64(np.int64(s * z)) & mask_w
+                        line = np.uint64(np.int64(t * z)) & mask_h
+                        opaque = texels[np.uint64(offset) + (line << np.uint64(lw)) + column] > 127
+                    if opaque:
                         inverse_depth[row, x] = w
                         ids[row, x] = k
                 w += dw

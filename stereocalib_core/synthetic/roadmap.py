@@ -215,11 +215,10 @@ def _wear(road: RoadMap, rng: np.random.Generator) -> None:
         s, t = rng.uniform(0, length), rng.uniform(-4.6, 1.2)
         angle = np.linspace(0, 2 * np.pi, 25)
         covers = ((0.36, 1.0, 58.0), (0.31, 1.0, 104.0), (0.25, 1.0, 70.0))
-        size = float(rng.uniform(0.15, 0.6))
-        stain = ((size, 1.7, float(rng.uniform(62, 82))),)
-        for radius, stretch, tone in covers if rng.random() < 0.5 else stain:
+        stain = ((float(rng.uniform(0.15, 0.6)), 1.7, float(rng.uniform(62, 82))),)
+        for radius, stretch, grey in covers if rng.random() < 0.5 else stain:
             ring = road.pixels(s + stretch * radius * np.cos(angle), t + radius * np.sin(angle))
-            cv2.fillPoly(road.albedo, [ring], tone, cv2.LINE_AA, 4)
+            cv2.fillPoly(road.albedo, [ring], grey, cv2.LINE_AA, 4)
 
 
 def _markings(road: RoadMap) -> None:

@@ -25,7 +25,7 @@ def noise_table() -> NDArray[np.float32]:
     return np.random.default_rng(1234567).standard_normal(1 << _TABLE_BITS, dtype=np.float32)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _scramble(value):  # type: ignore[no-untyped-def]
     value = np.uint64(value)
     value ^= value >> np.uint64(30)
@@ -35,7 +35,7 @@ def _scramble(value):  # type: ignore[no-untyped-def]
     return value ^ (value >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def expose(grey, gain, vignetting, noise, key, table, blur, picture):  # type: ignore[no-untyped-def]
     """grey (H, W) float32 to picture (H, W) uint8.
 

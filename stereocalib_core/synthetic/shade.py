@@ -7,10 +7,12 @@ import math
 import numpy as np
 from numba import njit
 
-from stereocalib_core.synthetic.raster import FLAG_GROUND, SAMPLES
+from stereocalib_core.synthetic.raster import FLAG_ALPHA, FLAG_GROUND, SAMPLES
 from stereocalib_core.synthetic.textures import sample
 
-MAX_TAPS = 8
+MAX_TAPS = 6
+GRAIN_TAPS = 3
+GRAIN_FAR_M = 45.0
 HAZE_M = 900.0
 UNKNOWN, ROAD, OBSTACLE = 0, 1, 2
 ROAD_TEXEL_M = 0.025
@@ -18,15 +20,15 @@ ROAD_TEXEL_M = 0.025
 GRAIN_TEXEL_M = 0.008
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _surface(  # type: ignore[no-untyped-def]
     q, flag, tex, u, v, texels, table, levels, drift, shadows, ground
 ):
     """Grey of one triangle's surface at u, v.
 
     drift (6,): image motion during the exposure, du = drift[0] + w (drift[1] + (u - cx) drift[2]) ... as in
-    `shade`; shadows (N, 4) centre and half size in s, t [m]; ground: contrast, grain texture, map texture, grey of a road
-    without contrast, grey of haze, texel of the map along s [m].
+    `shade`; shadows (N, 4) centre and half size in s, t [m]; ground: contrast, grain texture, map texture, grey
+    of a road without contrast, grey of haze, texel of the map along s [m].
     """
     w = q[0] * u + q[1] * v + q[2]
     if w < 1e-7:
@@ -48,14 +50,19 @@ def _surface(  # type: ignore[no-untyped-def]
         side = 1.0 if eu * ux + ev * vx > 0 else -1.0
         ux, vx = ux + side * eu, vx + side * ev
     if not flag & FLAG_GROUND:
-        value = sample(texels, table, levels, tex, s, t, ux, vx, uy, vy, 4) * light
+        taps = 2 if flag & FLAG_ALPHA else 4
+        value = sample(texels, table, levels, tex, s, t, ux, vx, uy, vy, taps) * light
     else:
         contrast, grain, paint = ground[0], int(ground[1]), int(ground[2])
         g, e = 1.0 / ROAD_TEXEL_M, 1.0 / ground[5]
         base = sample(texels, table, levels, paint, s * e, t * g, ux * e, vx * g, uy * e, vy * g, MAX_TAPS)
-        g = 1.0 / GRAIN_TEXEL_M
-        rough = sample(texels, table, levels, grain, s * g, t * g, ux * g, vx * g, uy * g, vy * g, MAX_TAPS)
-        rough = (rough - 128.0) / 128.0
+        rough = 0.0
+        if z < GRAIN_FAR_M:
+            g = 1.0 / GRAIN_TEXEL_M
+            rough = sample(
+                texels, table, levels, grain, s * g, t * g, ux * g, vx * g, uy * g, vy * g, GRAIN_TAPS
+            )
+            rough = (rough - 128.0) / 128.0 * min(1.0, (GRAIN_FAR_M - z) / 15.0)
         if contrast < 1.0:
             base = ground[3] + contrast * (base - ground[3])
         # grass and gardens beyond the pavements are rougher than asphalt
@@ -67,11 +74,11 @@ def _surface(  # type: ignore[no-untyped-def]
             if a < 0.5 and b < 0.5:
                 edge = min(max(max(a, b) / 0.5, 0.0), 1.0)
                 value *= 0.35 + 0.65 * edge
-    haze = 1.0 - math.exp(-z / HAZE_M)
+    haze = z / (z + HAZE_M)
     return value + haze * (ground[4] - value), w
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def shade(  # type: ignore[no-untyped-def]
     planes,
     source,
@@ -111,15 +118,27 @@ def shade(  # type: ignore[no-untyped-def]
             best, best_count, best_w = -1, 0, 0.0
             i = 0
             seen0, seen1, seen2 = -2, -2, -2
+            first = ids[y * SAMPLES, x * SAMPLES]
+            if (
+                ids[y * SAMPLES, x * SAMPLES + 1] == first
+                and ids[y * SAMPLES + 1, x * SAMPLES] == first
+                and ids[y * SAMPLES + 1, x * SAMPLES + 1] == first
+            ):
+                whole = True
+            else:
+                whole = False
             while i < n:
                 k = ids[y * SAMPLES + i // SAMPLES, x * SAMPLES + i % SAMPLES]
-                if k == seen0 or k == seen1 or k == seen2:
+                if k in (seen0, seen1, seen2):
                     i += 1
                     continue
                 seen2 = seen1
                 seen1 = seen0
                 seen0 = k
                 count, mx, my = 0, 0, 0
+                if whole:
+                    count, mx, my = n, n // 2, n // 2
+                    i = n
                 for j in range(i, n):
                     if ids[y * SAMPLES + j // SAMPLES, x * SAMPLES + j % SAMPLES] == k:
                         count += 1

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.synthetic.drive import Drive, plan_drive
-from stereocalib_core.synthetic.faults import AXES, offsets
+from stereocalib_core.synthetic.effects import noise_factor, spoil
+from stereocalib_core.synthetic.faults import AXES, any_active, offsets
+from stereocalib_core.synthetic.furniture import Instance
+from stereocalib_core.synthetic.lidar import T_CAMERA_LIDAR, SpinningLidar
 from stereocalib_core.synthetic.path import FRAME_RATE_HZ
 from stereocalib_core.synthetic.plane import right_rotation
 from stereocalib_core.synthetic.renderer import Renderer, View
@@ -92,38 +95,63 @@ class Studio:
     def views(self, frame: int) -> tuple[View, View]:
         """What perfect sensors would see, left and right."""
         things, shadows = moving(self.world, frame)
+        right = self._pool.submit(self._view, 1, frame, things, shadows)
+        return self._view(0, frame, things, shadows), right.result()
+
+    def _view(self, side: int, frame: int, things: list[Instance], shadows: Array) -> View:
+        """One camera's view; side 0 is the left."""
+        T = self.T_world_right(frame) if side else self.drive.T_world_camera[frame]
+        cx = self.camera.cx_px
+        if side and self.camera.cx_right_px is not None:
+            cx = self.camera.cx_right_px
+        contrast = 0.03 if any_active(self.settings.faults, "low_texture", frame) else 1.0
         s_m = float(self.drive.s_m[frame])
-        left_renderer, right_renderer = self._renderers
-        T_left, T_right = self.drive.T_world_camera[frame], self.T_world_right(frame)
-        cx_right = self.camera.cx_px if self.camera.cx_right_px is None else self.camera.cx_right_px
-        low = any(f.kind == "low_texture" and f.active(frame) for f in self.settings.faults)
-        contrast = 0.03 if low else 1.0
-        right = self._pool.submit(
-            right_renderer.view, T_right, s_m, things, shadows, cx_right, self.drift(frame, T_right), contrast
-        )
-        left = left_renderer.view(
-            T_left, s_m, things, shadows, self.camera.cx_px, self.drift(frame, T_left), contrast
-        )
-        return left, right.result()
+        return self._renderers[side].view(T, s_m, things, shadows, cx, self.drift(frame, T), contrast)
+
+    def frame(self, frame: int) -> tuple[Picture, Picture, NDArray[np.float32] | None]:
+        """What is recorded: left, right (H, W) uint8, and the LiDAR's scan (N, 4) float32 where there is one."""
+        faults = self.settings.faults
+        left, right = self.pictures(frame)
+        held = next((f for f in faults if f.kind == "freeze" and f.active(frame)), None)
+        if held is not None:
+            right = self.pictures(max(held.first - 1, 0))[1]
+        if any_active(faults, "swap", frame):
+            left, right = right, left
+        scan = None
+        if self.settings.lidar:
+            with self._lock:
+                scan = self._spinner.scan(frame)
+        return left, right, scan
+
+    @cached_property
+    def _spinner(self) -> SpinningLidar:
+        return SpinningLidar(self.world)
+
+    @property
+    def T_camera_lidar(self) -> Array:
+        """(4, 4) of the LiDAR as it was calibrated."""
+        return T_CAMERA_LIDAR
 
     def pictures(self, frame: int) -> tuple[Picture, Picture]:
-        """The left and right picture, (H, W) uint8."""
+        """The left and right picture, (H, W) uint8, with every fault of light and lens."""
         with self._lock:
-            left, right = self.views(frame)
+            views = self.views(frame)
         s = self.settings
         pictures = []
-        for side, view in enumerate((left, right)):
+        for side, view in enumerate(views):
+            grey = spoil(view.grey, s.faults, frame, side, s.seed)
             gain = 1.0 + side * EXPOSURE_DIFFERENCE * s.exposure_difference
-            picture = np.empty(view.grey.shape, np.uint8)
+            noise = s.noise * noise_factor(s.faults, frame)
+            picture = np.empty(grey.shape, np.uint8)
             key = (s.seed * 1_000_003 + frame) * 2 + side
-            expose(view.grey, gain, VIGNETTING * s.vignetting, s.noise, key, noise_table(), BLUR, picture)
+            expose(grey, gain, VIGNETTING * s.vignetting, noise, key, noise_table(), BLUR, picture)
             pictures.append(picture)
         return pictures[0], pictures[1]
 
     def truth(self, frame: int) -> FrameTruth:
         """Dense disparity and labels of the left picture."""
         with self._lock:
-            left, _ = self.views(frame)
+            left = self._view(0, frame, *moving(self.world, frame))
         disparity = left.inverse_depth * np.float32(self.camera.focal_px * self.camera.baseline_m)
         disparity[left.inverse_depth == 0] = np.nan
         return FrameTruth(disparity, left.label)

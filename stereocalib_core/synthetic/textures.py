@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 MAX_LEVELS = 18
+_HALVES = 0.5 ** np.arange(MAX_LEVELS + 1)
 
 
 @dataclass(frozen=True)
@@ -84,32 +85,36 @@ def tileable_noise(
     return total.astype(np.float32)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def bilinear(texels, offset, log_w, log_h, u, v):  # type: ignore[no-untyped-def]
     """Grey level at u, v [texels of this level, centres at half-integers], repeating."""
     u -= 0.5
     v -= 0.5
     fu = math.floor(u)
     fv = math.floor(v)
-    a = u - fu
-    b = v - fv
-    mask_w = (1 << log_w) - 1
-    mask_h = (1 << log_h) - 1
-    x0 = int(fu) & mask_w
-    x1 = (x0 + 1) & mask_w
-    y0 = offset + ((int(fv) & mask_h) << log_w)
-    y1 = offset + (((int(fv) + 1) & mask_h) << log_w)
-    top = texels[y0 + x0] * (1.0 - a) + texels[y0 + x1] * a
-    bottom = texels[y1 + x0] * (1.0 - a) + texels[y1 + x1] * a
-    return top * (1.0 - b) + bottom * b
+    a = np.float32(u - fu)
+    b = np.float32(v - fv)
+    # unsigned indices spare numba's wrap-around of negative ones
+    one, shift = np.uint64(1), np.uint64(log_w)
+    mask_w = (one << shift) - one
+    mask_h = (one << np.uint64(log_h)) - one
+    column, line, start = np.uint64(np.int64(fu)), np.uint64(np.int64(fv)), np.uint64(offset)
+    x0 = column & mask_w
+    x1 = (column + one) & mask_w
+    y0 = start + ((line & mask_h) << shift)
+    y1 = start + (((line + one) & mask_h) << shift)
+    p, q = np.float32(texels[y0 + x0]), np.float32(texels[y0 + x1])
+    r, s = np.float32(texels[y1 + x0]), np.float32(texels[y1 + x1])
+    top = p + (q - p) * a
+    return top + (r + (s - r) * a - top) * b
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type: ignore[no-untyped-def]
     """Filtered grey level of texture `tex` at u, v [texels of level 0].
 
     (ux, vx) and (uy, vy) are the steps of u, v over one pixel of the image in x and in y. Up to `max_taps`
-    trilinear taps lie along the longer axis of that footprint.
+    taps lie along the longer axis of that footprint.
     """
     x2 = ux * ux + vx * vx
     y2 = uy * uy + vy * vy
@@ -122,9 +127,9 @@ def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type:
         area = ux * vy - uy * vx
         minor2 = min(minor2, area * area / major2)
     taps = 1
-    if major2 > minor2 * 1.21:
+    if max_taps > 1 and major2 > minor2 * 1.44:
         ratio = math.sqrt(major2 / max(minor2, 1e-12))
-        taps = min(int(ratio + 0.999), max_taps)
+        taps = min(int(ratio + 0.8), max_taps)
     size2 = max(major2 / (taps * taps), minor2, 1e-12)
     lod = 0.5 * math.log2(size2) if size2 > 1.0 else 0.0
     top = levels[tex] - 1
@@ -132,19 +137,30 @@ def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type:
         lod = top - 1e-6
     low = int(lod)
     blend = lod - low
+    w_full, h_full = table[tex, 0, 1], table[tex, 0, 2]
     o0, w0, h0 = table[tex, low, 0], table[tex, low, 1], table[tex, low, 2]
     o1, w1, h1 = table[tex, low + 1, 0], table[tex, low + 1, 1], table[tex, low + 1, 2]
-    su0 = 1.0 / (1 << (table[tex, 0, 1] - w0))
-    sv0 = 1.0 / (1 << (table[tex, 0, 2] - h0))
-    su1 = 1.0 / (1 << (table[tex, 0, 1] - w1))
-    sv1 = 1.0 / (1 << (table[tex, 0, 2] - h1))
+    su0, sv0 = _HALVES[w_full - w0], _HALVES[h_full - h0]
+    if taps == 1:
+        value = bilinear(texels, o0, w0, h0, u * su0, v * sv0)
+        if blend > 0.02:
+            su1, sv1 = _HALVES[w_full - w1], _HALVES[h_full - h1]
+            value += blend * (bilinear(texels, o1, w1, h1, u * su1, v * sv1) - value)
+        return value
+    su1, sv1 = _HALVES[w_full - w1], _HALVES[h_full - h1]
     total = 0.0
-    for k in range(taps):
-        shift = (k + 0.5) / taps - 0.5
+    step = 1.0 / taps
+    shift = 0.5 * step - 0.5
+    # taps take turns between the two levels, in the proportion of the blend
+    carry = 0.5
+    for _ in range(taps):
         pu = u + shift * au
         pv = v + shift * av
-        value = bilinear(texels, o0, w0, h0, pu * su0, pv * sv0)
-        if blend > 0.02:
-            value += blend * (bilinear(texels, o1, w1, h1, pu * su1, pv * sv1) - value)
-        total += value
-    return total / taps
+        carry += blend
+        if carry >= 1.0:
+            carry -= 1.0
+            total += bilinear(texels, o1, w1, h1, pu * su1, pv * sv1)
+        else:
+            total += bilinear(texels, o0, w0, h0, pu * su0, pv * sv0)
+        shift += step
+    return total * step

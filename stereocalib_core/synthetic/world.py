@@ -24,7 +24,7 @@ SUN = np.array([np.sin(0.9) * np.cos(0.75), -np.sin(0.75), np.cos(0.9) * np.cos(
 """Direction to the sun."""
 AMBIENT, SUNLIGHT = 0.52, 1.0
 _ONCOMING_M, _ONCOMING_SPEED = -3.55, 9.0
-_TRUCK_AHEAD_M = 7.0
+_TRUCK_AHEAD_M = 2.3
 
 
 @dataclass(frozen=True)
