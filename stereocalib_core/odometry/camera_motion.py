@@ -2,9 +2,8 @@
 
 Gauss-Newton with Cauchy weights on the reprojection error:
 
-- `solve_full`: road points stand on the road as given, which gives the scale; points off the road keep their
-  measured disparity up to one common factor per pair, so that they fix the rotation and the direction of
-  travel but say nothing of the scale.
+- `solve_full`: road points give the scale. Points off the road have one common depth factor per pair, tied
+  to the road's within `SCALE_SIGMA`: they steady the rotation and the direction of travel.
 - `solve_stereo`: from measured disparities alone; no road needed.
 
 Arrays are those of `PackedTracks`: `rays` (5, M) holds x, y, inverse depth, x', y' in normalised
@@ -56,8 +55,8 @@ def _accumulate(
 ) -> tuple[float, float]:
     """Add the normal equations of points first ... last to H (7, 7, lower) and g (7,).
 
-    plane: normal / height; all zero = use the measured inverse depths times `depth`, whose logarithm is the
-    seventh unknown. weights: 1 / Cauchy scale^2 (in normalised units) and the weight of this set.
+    plane: (3,) added to their inverse depths by (x, y, 1). depth: factor of their inverse depths, whose
+    logarithm is the seventh unknown if `scaled`. weights: 1 / Cauchy scale^2 (normalised units), weight of the set.
     Returns the weighted squared error and the sum of weights.
     """
     r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
@@ -174,9 +173,8 @@ def full_pair(
 ) -> float:
     """Six degrees of freedom of one pair; `motion` (6,) is start and result, `information` (6, 6) is filled.
 
-    With fewer than 8 road points, or a zero plane, every point keeps its measured depth and the scale is
-    theirs. Returns the variance of one image coordinate in normalised units, negative where there is
-    no solution.
+    tilt: (3,) what is added to the inverse depth [1/m] of a road point, by (x, y, 1).
+    Returns the variance of one image coordinate in normalised units, negative where there is no solution.
     """
     R = rotation_from_vector(motion[:3])
     t = motion[3:].copy()
@@ -276,7 +274,7 @@ def solve_full(
 ) -> tuple[Array, Array]:
     """Every active pair by `full_pair`: (N, 7) motion and whether solved, (N, 6, 6) covariance.
 
-    planes: (N, 3) normal / height of the road in the previous frame of each pair, zero = unknown.
+    tilts: (N, 3) change of normal / height [1/m] of the road in the previous frame of each pair.
     """
     n = len(start) - 1
     motions, covariances = np.zeros((n, 7)), np.zeros((n, 6, 6))
@@ -308,7 +306,6 @@ def _solve_stereo(
     rays: Array,
     start: NDArray[np.int64],
     previous: NDArray[np.int64],
-    still: NDArray[np.bool_],
     focal_px: float,
     min_points: int,
     motions: Array,
@@ -322,24 +319,22 @@ def _solve_stereo(
             continue
         motion = np.zeros(6)
         information = np.zeros((6, 6))
-        solved = still[i]
-        if not solved:
-            # wide to narrow, because nothing is known of the motion yet
-            solved = True
-            for cauchy_px in (30.0, 5.0, CAUCHY_PX):
-                variance = full_pair(
-                    rays,
-                    start[i],
-                    start[i],
-                    start[i + 1],
-                    np.zeros(3),
-                    motion,
-                    focal_px,
-                    1.0,
-                    cauchy_px,
-                    information,
-                )
-                solved = solved and variance >= 0.0
+        # wide to narrow, because nothing is known of the motion yet
+        solved = True
+        for cauchy_px in (30.0, 5.0, CAUCHY_PX):
+            variance = full_pair(
+                rays,
+                start[i],
+                start[i],
+                start[i + 1],
+                np.zeros(3),
+                motion,
+                focal_px,
+                1.0,
+                cauchy_px,
+                information,
+            )
+            solved = solved and variance >= 0.0
         if solved:
             motions[i, :6] = motion
             motions[i, 6] = 1.0
@@ -349,7 +344,6 @@ def solve_stereo(
     rays: Array,
     start: NDArray[np.int64],
     previous: NDArray[np.int64],
-    still: NDArray[np.bool_],
     focal_px: float,
     min_points: int,
 ) -> Array:
@@ -358,7 +352,7 @@ def solve_stereo(
     motions = np.zeros((n, 7))
 
     def work(first: int, last: int) -> None:
-        _solve_stereo(first, last, rays, start, previous, still, focal_px, min_points, motions)
+        _solve_stereo(first, last, rays, start, previous, focal_px, min_points, motions)
 
     in_chunks(work, n)
     return motions

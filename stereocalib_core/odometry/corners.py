@@ -36,7 +36,7 @@ ROAD_RANGE_M = (4.0, 30.0)
 HALF_ROAD_M = 7.0
 """Distance ahead and to the side within which the road is taken for a plane."""
 
-MIN_CORRELATION = 0.85
+MIN_CORRELATION = 0.75
 """Left-right correlation of a patch that is believed."""
 
 
@@ -118,7 +118,7 @@ def find_corners(
 
     `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
     """
-    score = cv2.cornerMinEigenVal(half_left, 5, ksize=3)
+    score = np.asarray(cv2.cornerMinEigenVal(half_left, 5, ksize=3), dtype=np.float32)
     values = disparity.values if disparity.step_px == 2 else disparity.values[::2, ::2]
     rows, columns = min(score.shape[0], values.shape[0]), min(score.shape[1], values.shape[1])
     p = extrinsics.disparity_plane(camera)
@@ -136,7 +136,8 @@ def find_corners(
             ABOVE_ROAD_M / extrinsics.height_m,
         ]
     )
-    score, values = score[:rows, :columns], values[:rows, :columns]
+    score = score[:rows, :columns]
+    values = values[:rows, :columns]
     least = 2e-6
     cell = (ROAD_CELL_PX[0] // 2, ROAD_CELL_PX[1] // 2)
     road = _best_of_cells(score, values, plane, cell, True, ROAD_TOLERANCE_PX + 0.5, limits, least)

@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.odometry.camera_motion import solve_stereo
-from stereocalib_core.odometry.road_planes import fit_planes
 from stereocalib_core.results import FrameResult, Tracks
 
 Array = NDArray[np.float64]
 
-STILL_FLOW_PX = 0.06
-"""Median flow below which a pair stands still; 5 mm of travel move a road point 10 m ahead by as much."""
-
-PLANE_CAUCHY_PX = 0.3
-"""Disparity residual at which a road point's weight in `measured_planes` is one half."""
+STILL_M, STILL_RAD = 0.006, 5e-4
+"""A pair that moves and turns less than this stands still: less than a tenth of walking pace, and about three
+standard deviations of what tracks of a standing car show."""
 
 MIN_POINTS = 10
 """Fewer tracks than this give no motion."""
@@ -30,9 +27,8 @@ MIN_POINTS = 10
 class PackedTracks:
     """The tracks of N frames, M points; row i of every per-frame array is the pair (previous[i], i).
 
-    rays: (5, M) x, y, inverse depth [1/m] by the measured disparity (NaN = unknown) in the previous pair and
-        x, y in this one; x = (u - cx) / f, y = (v - cy) / f.
-    current_inverse_depth: (M,) measured in this pair [1/m], NaN = unknown.
+    rays: (5, M) x, y, inverse depth [1/m] by the measured disparity in the previous pair and x, y in this one;
+        x = (u - cx) / f, y = (v - cy) / f.
     start: (N + 1,) the points of pair i are start[i] ... start[i + 1], those on the road first.
     road_end: (N,) where the road points of pair i end.
     previous: (N,) the other frame of the pair, -1 = no tracks.
@@ -41,7 +37,6 @@ class PackedTracks:
 
     camera: StereoCamera
     rays: Array
-    current_inverse_depth: Array
     start: NDArray[np.int64]
     road_end: NDArray[np.int64]
     previous: NDArray[np.int64]
@@ -51,34 +46,17 @@ class PackedTracks:
         return len(self.previous)
 
     @cached_property
-    def still(self) -> NDArray[np.bool_]:
-        """(N,) pairs in which the picture does not move: the median flow is below `STILL_FLOW_PX`."""
-        flow = (self.rays[3:5] - self.rays[:2]) * self.camera.focal_px
-        result = np.zeros(len(self), dtype=bool)
-        for i in np.flatnonzero(np.diff(self.start) >= MIN_POINTS):
-            pair = flow[:, self.start[i] : self.start[i + 1]]
-            result[i] = bool(np.all(np.abs(np.median(pair, axis=1)) < STILL_FLOW_PX)) and bool(
-                np.median(np.hypot(pair[0], pair[1])) < 4 * STILL_FLOW_PX
-            )
-        return result
-
-    @cached_property
     def stereo_motion(self) -> Array:
         """(N, 7) rotation vector [rad], translation [m] of T_current_previous (left camera) from measured
         disparities alone, and 1 where it could be solved; the start of every other solution."""
-        return solve_stereo(
-            self.rays, self.start, self.previous, self.still, self.camera.focal_px, MIN_POINTS
-        )
+        return solve_stereo(self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS)
 
     @cached_property
-    def measured_planes(self) -> Array:
-        """(N, 4) the road as the tracks' own disparities show it: normal / height [1/m] in the camera
-        frame of
-        each frame, and the number of points behind it (0 = not enough)."""
-        following = np.full(len(self), -1, dtype=np.int64)
-        following[self.previous[self.previous >= 0]] = np.flatnonzero(self.previous >= 0)
-        scale = PLANE_CAUCHY_PX / (self.camera.focal_px * self.camera.baseline_m)
-        return fit_planes(self.rays, self.current_inverse_depth, self.start, self.road_end, following, scale)
+    def still(self) -> NDArray[np.bool_]:
+        """(N,) pairs between which the car stands, decided on measured disparities alone."""
+        motion = self.stereo_motion
+        turn, move = np.linalg.norm(motion[:, :3], axis=1), np.linalg.norm(motion[:, 3:6], axis=1)
+        return np.asarray((motion[:, 6] > 0) & (turn < STILL_RAD) & (move < STILL_M))
 
 
 def pack(camera: StereoCamera, results: Sequence[FrameResult]) -> PackedTracks:
@@ -110,10 +88,10 @@ def pack_tracks(
         start[i + 1] = road_end[i] = start[i]
         if pair is None or len(pair) == 0 or row_of.get(pair.previous, count) >= i:
             continue
-        off_road = ~pair.on_road & np.isfinite(pair.points[:, 2])
-        blocks += [pair.points[pair.on_road], pair.points[off_road]]
-        road_end[i] += np.count_nonzero(pair.on_road)
-        start[i + 1] = road_end[i] + np.count_nonzero(off_road)
+        whole = np.isfinite(pair.points[:, :5]).all(axis=1) & (pair.points[:, 2] > 0)
+        blocks += [pair.points[whole & pair.on_road], pair.points[whole & ~pair.on_road]]
+        road_end[i] += len(blocks[-2])
+        start[i + 1] = road_end[i] + len(blocks[-1])
         previous[i] = row_of[pair.previous]
     points = np.concatenate([*blocks, np.zeros((0, 6), np.float32)]).astype(np.float64).T
     f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
@@ -127,4 +105,4 @@ def pack_tracks(
         ]
     )
     ok = np.ones(count, dtype=bool) if road_ok is None else np.asarray(road_ok, dtype=bool)
-    return PackedTracks(camera, np.ascontiguousarray(rays), points[5] / fb, start, road_end, previous, ok)
+    return PackedTracks(camera, np.ascontiguousarray(rays), start, road_end, previous, ok)

@@ -149,7 +149,7 @@ def _follow(
     motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), predicted, f, TOLERANCE_PX)
     seen = reprojection(rays, motion)
     ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < TOLERANCE_PX)
-    return ok, motion, np.count_nonzero(ok) / max(np.count_nonzero(inside), MIN_POINTS)
+    return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(MIN_POINTS))
 
 
 def patch_affine(

@@ -5,10 +5,10 @@ is touched.
 axis is scaled by its strength (0 = taken as zero; height: the drive's median), then the injected error is
 added. The models:
 
-- `full` (default): six degrees of freedom; scale from the road, rotation also from points above it. With
-  `refine`, plane and motion are estimated together: the road tracks' own disparities, in both frames of a
-  pair, correct the plane before the settings act on it.
-- `planar`: the paper's, eq. 13-16, from the extrinsics exactly as given.
+- `full` (default): six degrees of freedom, plane and motion together. A road point has the disparity that its
+  pair measured, plus what the settings change in the plane (eq. 16 with and without them), and gives the
+  scale; points above the road follow that scale and steady the rotation.
+- `planar`: the paper's, eq. 13-16: road points lie on the plane of the extrinsics exactly as given.
 - `nonholonomic`: planar, held to a rear axle that does not slip sideways; here yaw and lever arm count.
 
 Under `full` and `planar` the path of the camera itself does not depend on yaw at all.
@@ -41,12 +41,6 @@ MIN_ROAD_POINTS = 12
 ROAD_SHARE = 1.0
 """Weight of a road point against a point above the road in `full`."""
 
-MIN_PLANE_POINTS = 60.0
-"""Fewer disparities than this do not correct a plane."""
-
-MAX_CORRECTION = np.array([0.15, np.deg2rad(1.0), np.deg2rad(1.5)])
-"""Height [m], pitch, roll [rad] beyond which tracks and plane do not speak of the same road."""
-
 
 @dataclass(frozen=True)
 class TrajectorySettings:
@@ -54,7 +48,7 @@ class TrajectorySettings:
 
     *_strength: 0 ... 1, how much of the estimate is used. *_error_*: added after that, the same in
     every frame.
-    lever_arm_m: rear axle to camera, for `nonholonomic`. refine: see the module; for `full` only.
+    lever_arm_m: rear axle to camera, for `nonholonomic`.
     """
 
     model: Model = "full"
@@ -67,7 +61,6 @@ class TrajectorySettings:
     roll_error_rad: float = 0.0
     height_error_m: float = 0.0
     lever_arm_m: float = DEFAULT_LEVER_ARM_M
-    refine: bool = True
 
     def __post_init__(self) -> None:
         for axis in ("yaw", "pitch", "roll", "height"):
@@ -132,23 +125,6 @@ def fill_missing(extrinsics: Array) -> Array:
     return np.asarray(extrinsics[np.where(last < 0, np.argmax(known), last)], dtype=np.float64)
 
 
-def refined_extrinsics(tracks: PackedTracks, extrinsics: Array) -> Array:
-    """(N, 4) with height, pitch, roll corrected by the disparities of the road tracks where these suffice."""
-    plane = tracks.measured_planes
-    size = np.linalg.norm(plane[:, :3], axis=1)
-    enough = (plane[:, 3] >= MIN_PLANE_POINTS) & (size > 0)
-    normal = plane[:, :3] / np.where(enough, size, 1.0)[:, None]
-    height = 1.0 / np.where(enough, size, 1.0)
-    seen = np.stack(
-        [height, np.arctan2(normal[:, 2], normal[:, 1]), -np.arcsin(np.clip(normal[:, 0], -1, 1))], 1
-    )
-    change = seen - extrinsics[:, :3]
-    use = enough & tracks.road_ok & (np.abs(change) < MAX_CORRECTION).all(axis=1)
-    result = extrinsics.copy()
-    result[use, :3] += change[use]
-    return result
-
-
 def apply_settings(extrinsics: Array, settings: TrajectorySettings) -> Array:
     """(N, 4) height [m], pitch, roll, yaw [rad] as a variant sees them."""
     s = settings
@@ -187,7 +163,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
-        motions, covariance = _full(tracks, used, rotations, road, moving, filled, settings)
+        motions, covariance = _full(tracks, filled, used, rotations, road, moving)
         planar = _planar_of(motions, rotations, origin)
         planar_covariance = np.zeros((len(tracks), 3, 3))
     else:
@@ -209,29 +185,25 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
 
 def _full(
     tracks: PackedTracks,
+    given: Array,
     used: Array,
     rotations: Array,
     road: NDArray[np.bool_],
     moving: NDArray[np.bool_],
-    filled,
-    settings,
 ) -> tuple[Array, Array]:
     """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
-    planes = rotations[:, :, 1] / used[:, :1]
-    given = road_rotations(filled)[:, :, 1] / filled[:, :1]
-    tilts = np.where(road[:, None], (planes - given)[np.maximum(tracks.previous, 0)], 0.0)
+    change = rotations[:, :, 1] / used[:, :1] - road_rotations(given)[:, :, 1] / given[:, :1]
+    tilts = np.where(road[:, None], change[np.maximum(tracks.previous, 0)], 0.0)
     active = moving & (np.diff(tracks.start) >= MIN_POINTS)
-    start = tracks.stereo_motion
-    if not settings.refine:
-        x = tracks.rays.copy()
-        for i in range(len(tracks)):
-            a, b = tracks.start[i], tracks.road_end[i]
-            if b > a:
-                x[2, a:b] = given[tracks.previous[i]] @ np.stack([x[0, a:b], x[1, a:b], np.ones(b - a)])
-    else:
-        x = tracks.rays
     return solve_full(
-        x, tracks.start, tracks.road_end, active, tilts, start, tracks.camera.focal_px, ROAD_SHARE
+        tracks.rays,
+        tracks.start,
+        tracks.road_end,
+        active,
+        tilts,
+        tracks.stereo_motion,
+        tracks.camera.focal_px,
+        ROAD_SHARE,
     )
 
 
