@@ -2,9 +2,9 @@
 
 Gauss-Newton with Cauchy weights on the reprojection error:
 
-- `solve_full`: road points give the scale. Points off the road have one common depth factor per pair, tied
-  to the road's within `SCALE_SIGMA`: they steady the rotation and the direction of travel.
-- `solve_stereo`: from measured disparities alone; no road needed.
+- `solve_full`: road points and points above the road, each with a weight of its own. Those above have one common
+  depth factor per pair, close to one: they steady the rotation and leave the scale to the road.
+- `solve_stereo`: all points alike, from measured disparities; no road needed.
 
 Arrays are those of `PackedTracks`: `rays` (5, M) holds x, y, inverse depth, x', y' in normalised
 coordinates. A motion of the camera is (rotation vector, translation) of T_current_previous. Frames are
@@ -28,9 +28,6 @@ Array = NDArray[np.float64]
 
 NOISE_PX = 0.4
 """Typical residual of a track."""
-
-SCALE_SIGMA = 0.003
-"""How far the depths of points off the road may differ from those of the road, as a factor."""
 
 CAUCHY_PX = 1.0
 """Residual at which a point's weight is one half."""
@@ -145,20 +142,6 @@ def _update(R: Array, t: Array, step: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def road_scale(rays: Array, first: int, last: int, tilt: Array) -> float:
-    """How much larger the road's inverse depths become by `tilt`, as one factor; near points count most."""
-    before = 0.0
-    after = 0.0
-    for k in range(first, last):
-        w = rays[2, k]
-        if w > 0.0:
-            changed = max(w + tilt[0] * rays[0, k] + tilt[1] * rays[1, k] + tilt[2], 0.2 * w)
-            before += w * w
-            after += w * changed
-    return after / before if before > 0.0 else 1.0
-
-
-@njit(cache=True, nogil=True)
 def full_pair(
     rays: Array,
     first: int,
@@ -168,6 +151,7 @@ def full_pair(
     motion: Array,
     focal_px: float,
     road_share: float,
+    scale_sigma: float,
     cauchy_px: float,
     information: Array,
 ) -> float:
@@ -180,10 +164,9 @@ def full_pair(
     t = motion[3:].copy()
     scale = (focal_px / cauchy_px) ** 2
     size = 7 if road_end - first >= 8 and last - road_end >= 8 else 6
-    start = road_scale(rays, first, road_end, tilt) if road_end > first else 1.0
-    depth = start
+    depth = 1.0
     # in the units of the residuals, which are taken as `NOISE_PX`
-    prior = (NOISE_PX / focal_px / SCALE_SIGMA) ** 2
+    prior = (NOISE_PX / focal_px / scale_sigma) ** 2
     none = np.zeros(3)
     H = np.zeros((7, 7))
     g = np.zeros(7)
@@ -198,7 +181,7 @@ def full_pair(
         more, weight = _accumulate(rays, road_end, last, none, R, t, depth, size == 7, rest, H, g)
         cost, total = cost + more, total + weight
         H[6, 6] += prior
-        g[6] -= prior * np.log(depth / start)
+        g[6] -= prior * np.log(depth)
         for i in range(6):
             H[i, i] += 1e-9
             for j in range(i + 1):
@@ -235,6 +218,7 @@ def _solve_full(
     initial: Array,
     focal_px: float,
     road_share: float,
+    scale_sigma: float,
     motions: Array,
     covariances: Array,
 ) -> None:
@@ -253,6 +237,7 @@ def _solve_full(
             motion,
             focal_px,
             road_share,
+            scale_sigma,
             CAUCHY_PX,
             information,
         )
@@ -271,10 +256,12 @@ def solve_full(
     initial: Array,
     focal_px: float,
     road_share: float,
+    scale_sigma: float,
 ) -> tuple[Array, Array]:
     """Every active pair by `full_pair`: (N, 7) motion and whether solved, (N, 6, 6) covariance.
 
-    tilts: (N, 3) change of normal / height [1/m] of the road in the previous frame of each pair.
+    tilts: (N, 3) what is added to normal / height [1/m] of the road in the previous frame of each pair.
+    road_share: weight of a road point, 1 for others. scale_sigma: of the depth factor of points off the road.
     """
     n = len(start) - 1
     motions, covariances = np.zeros((n, 7)), np.zeros((n, 6, 6))
@@ -291,6 +278,7 @@ def solve_full(
             initial,
             focal_px,
             road_share,
+            scale_sigma,
             motions,
             covariances,
         )
@@ -330,6 +318,7 @@ def _solve_stereo(
                 np.zeros(3),
                 motion,
                 focal_px,
+                1.0,
                 1.0,
                 cauchy_px,
                 information,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.odometry.camera_motion import solve_stereo
+from stereocalib_core.odometry.camera_motion import solve_full, solve_stereo
 from stereocalib_core.results import FrameResult, Tracks
 
 Array = NDArray[np.float64]
@@ -18,6 +18,12 @@ Array = NDArray[np.float64]
 STILL_M, STILL_RAD = 0.006, 5e-4
 """A pair that moves and turns less than this stands still: less than a tenth of walking pace, and about three
 standard deviations of what tracks of a standing car show."""
+
+SCALE_SIGMA = 0.003
+"""How far the depths of points off the road may differ from those of the road, as a factor."""
+
+ROAD_SHARE = 3.0
+"""Weight of a road point against one above it where the road's extrinsics are put to the test."""
 
 MIN_POINTS = 10
 """Fewer tracks than this give no motion."""
@@ -50,6 +56,37 @@ class PackedTracks:
         """(N, 7) rotation vector [rad], translation [m] of T_current_previous (left camera) from measured
         disparities alone, and 1 where it could be solved; the start of every other solution."""
         return solve_stereo(self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS)
+
+    @cached_property
+    def active(self) -> NDArray[np.bool_]:
+        """(N,) pairs that move and have points enough."""
+        return np.asarray((self.previous >= 0) & ~self.still & (np.diff(self.start) >= MIN_POINTS))
+
+    @cached_property
+    def best_motion(self) -> tuple[Array, Array]:
+        """(N, 7) motion as `stereo_motion` and its (N, 6, 6) covariance, from all that the tracks measure."""
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, 1.0, SCALE_SIGMA)
+
+    @cached_property
+    def road_motion(self) -> Array:
+        """(N, 7) motion with the road weighted by `ROAD_SHARE` and nothing changed in its extrinsics."""
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, ROAD_SHARE, 1e-6)[0]
+
+    def full_motion(
+        self, tilts: Array, initial: Array, road_share: float, scale_sigma: float
+    ) -> tuple[Array, Array]:
+        """Every active pair by `solve_full`."""
+        return solve_full(
+            self.rays,
+            self.start,
+            self.road_end,
+            self.active,
+            tilts,
+            initial,
+            self.camera.focal_px,
+            road_share,
+            scale_sigma,
+        )
 
     @cached_property
     def still(self) -> NDArray[np.bool_]:

@@ -60,7 +60,9 @@ def robust_motion(rays: Array, predicted: Array, focal_px: float, tolerance_px: 
         motion = predicted.copy()
         information = np.zeros((6, 6))
         if s == 0:
-            full_pair(rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 4.0 * tolerance_px, information)
+            full_pair(
+                rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 4.0 * tolerance_px, information
+            )
         else:
             triple = np.empty((5, 3))
             seed = np.uint64(s * 2654435761 + 12345)
@@ -70,13 +72,13 @@ def robust_motion(rays: Array, predicted: Array, focal_px: float, tolerance_px: 
                 )
                 pick = np.int64((seed >> np.uint64(33)) % np.uint64(count))
                 triple[:, k] = rays[:, pick]
-            full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1000.0, information)
+            full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1.0, 1000.0, information)
         candidates[s] = motion
         scores[s] = _score(rays, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
-    full_pair(rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 0.5 * tolerance_px, information)
+    full_pair(rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 0.5 * tolerance_px, information)
     refined = _score(rays, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined

@@ -5,9 +5,10 @@ is touched.
 axis is scaled by its strength (0 = taken as zero; height: the drive's median), then the injected error is
 added. The models:
 
-- `full` (default): six degrees of freedom, plane and motion together. A road point has the disparity that its
-  pair measured, plus what the settings change in the plane (eq. 16 with and without them), and gives the
-  scale; points above the road follow that scale and steady the rotation.
+- `full` (default): six degrees of freedom, plane and motion together: the best motion of each pair from all that
+  its tracks measure on and above the road. What the settings change in the extrinsics changes the disparities
+  of its road points (eq. 16 with and without the change); how far this moves a solution in which the road has
+  the greater weight is applied to the best motion.
 - `planar`: the paper's, eq. 13-16: road points lie on the plane of the extrinsics exactly as given.
 - `nonholonomic`: planar, held to a rear axle that does not slip sideways; here yaw and lever arm count.
 
@@ -24,9 +25,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.odometry.camera_motion import solve_full
 from stereocalib_core.odometry.ground_motion import solve_planar
-from stereocalib_core.odometry.packing import MIN_POINTS, PackedTracks
+from stereocalib_core.odometry.packing import ROAD_SHARE, PackedTracks
 from stereocalib_core.odometry.small_algebra import rotation_from_vector, vector_from_rotation
 
 Array = NDArray[np.float64]
@@ -37,9 +37,6 @@ DEFAULT_LEVER_ARM_M = 0.95
 
 MIN_ROAD_POINTS = 12
 """Fewer road points than this do not carry the scale of a pair."""
-
-ROAD_SHARE = 1.0
-"""Weight of a road point against a point above the road in `full`."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +160,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
-        motions, covariance = _full(tracks, filled, used, rotations, road, moving)
+        motions, covariance = _full(tracks, filled, used, rotations, road)
         planar = _planar_of(motions, rotations, origin)
         planar_covariance = np.zeros((len(tracks), 3, 3))
     else:
@@ -184,27 +181,32 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
 
 
 def _full(
-    tracks: PackedTracks,
-    given: Array,
-    used: Array,
-    rotations: Array,
-    road: NDArray[np.bool_],
-    moving: NDArray[np.bool_],
+    tracks: PackedTracks, given: Array, used: Array, rotations: Array, road: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
     change = rotations[:, :, 1] / used[:, :1] - road_rotations(given)[:, :, 1] / given[:, :1]
     tilts = np.where(road[:, None], change[np.maximum(tracks.previous, 0)], 0.0)
-    active = moving & (np.diff(tracks.start) >= MIN_POINTS)
-    return solve_full(
-        tracks.rays,
-        tracks.start,
-        tracks.road_end,
-        active,
-        tilts,
-        tracks.stereo_motion,
-        tracks.camera.focal_px,
-        ROAD_SHARE,
-    )
+    best, covariance = tracks.best_motion
+    if not tilts.any():
+        return best.copy(), covariance
+    changed, _ = tracks.full_motion(tilts, tracks.road_motion, ROAD_SHARE, 1e-6)
+    return _carry(best, tracks.road_motion, changed), covariance
+
+
+@njit(cache=True, nogil=True)
+def _carry(best: Array, before: Array, after: Array) -> Array:
+    """(N, 7) `best`, moved by what leads from `before` to `after`; where one of these is missing, as it is."""
+    result = best.copy()
+    for i in range(len(best)):
+        if not (before[i, 6] > 0.0 and after[i, 6] > 0.0 and best[i, 6] > 0.0):
+            continue
+        turn = rotation_from_vector(after[i, :3]) @ np.ascontiguousarray(
+            rotation_from_vector(before[i, :3]).T
+        )
+        shift = after[i, 3:6] - turn @ np.ascontiguousarray(before[i, 3:6])
+        result[i, :3] = vector_from_rotation(turn @ rotation_from_vector(best[i, :3]))
+        result[i, 3:6] = turn @ np.ascontiguousarray(best[i, 3:6]) + shift
+    return result
 
 
 def _planar(
