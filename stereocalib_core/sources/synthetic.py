@@ -27,6 +27,8 @@ class SyntheticSource:
     Frames may be read in any order, from any thread.
     """
 
+    live = False
+
     def __init__(self, settings: DriveSettings, cache: FrameCache | None = None) -> None:
         self.settings = settings
         self.studio = Studio(settings)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.geometry import Extrinsics, Plane, invert_transform, transform
+from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
 from stereocalib_core.synthetic import path as paths
 from stereocalib_core.synthetic.body import ride
 from stereocalib_core.synthetic.faults import AXES, Fault, offsets
@@ -63,17 +63,11 @@ def plan_drive(settings: DriveSettings) -> Drive:
     mount = _mounts(settings, motion)[:frames]
     s_camera = (motion.s_m + settings.lever_arm_m)[:frames]
     if poses is None:
-        T_world_camera = np.stack(
-            [
-                _vehicle_pose(ground, motion.s_m[i], settings) @ _camera_in_vehicle(mount[i])
-                for i in range(frames)
-            ]
-        )
+        T_vehicle_camera = np.stack([_camera_in_vehicle(row) for row in mount])
+        T_world_camera = _vehicle_poses(ground, motion.s_m[:frames], settings) @ T_vehicle_camera
     else:
         T_world_camera = poses[:frames]
-    extrinsics = np.stack(
-        [_truth(ground, s_camera[i], T_world_camera[i], float(mount[i, 3])) for i in range(frames)]
-    )
+    extrinsics = _truth(ground, s_camera, T_world_camera, mount[:, 3])
     return Drive(
         settings, course, ground, motion, motion.time_s[:frames], T_world_camera, extrinsics, s_camera
     )
@@ -117,22 +111,27 @@ def _mounts(settings: DriveSettings, motion: Motion) -> Array:
     return total
 
 
-def _vehicle_pose(ground: Ground, s_m: float, settings: DriveSettings) -> Array:
-    """T_world_vehicle with the rear axle at s; the origin is on the wheels' plane under the camera."""
+def _vehicle_poses(ground: Ground, s_m: Array, settings: DriveSettings) -> Array:
+    """(N, 4, 4) T_world_vehicle with the rear axle at s; the origin is on the wheels' plane under the camera."""
     half = _TRACK_M / 2
-    y = ground.surface([s_m, s_m, s_m + _WHEELBASE_M, s_m + _WHEELBASE_M], [-half, half, -half, half])[:, 1]
-    heading = float(ground.course.at(ground.course.heading_rad, s_m))
-    rise = 0.5 * (y[2] + y[3] - y[0] - y[1]) / _WHEELBASE_M
-    tilt = 0.5 * (y[1] + y[3] - y[0] - y[2]) / _TRACK_M
-    forward = np.array([np.sin(heading), rise, np.cos(heading)])
-    forward /= np.linalg.norm(forward)
-    right = np.array([np.cos(heading), tilt, -np.sin(heading)])
-    right -= forward * (right @ forward)
-    right /= np.linalg.norm(right)
-    rear = ground.course.points(s_m)
-    rear[1] = 0.5 * (y[0] + y[1])
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
-    return transform(rotation, rear + settings.lever_arm_m * forward)
+    rear, front = s_m[:, None], s_m[:, None] + _WHEELBASE_M
+    y = ground.surface(
+        np.concatenate([rear, rear, front, front], axis=1), np.array([-half, half, -half, half])
+    )[..., 1]
+    heading = ground.course.at(ground.course.heading_rad, s_m)
+    rise = 0.5 * (y[:, 2] + y[:, 3] - y[:, 0] - y[:, 1]) / _WHEELBASE_M
+    tilt = 0.5 * (y[:, 1] + y[:, 3] - y[:, 0] - y[:, 2]) / _TRACK_M
+    forward = np.stack([np.sin(heading), rise, np.cos(heading)], axis=1)
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.stack([np.cos(heading), tilt, -np.sin(heading)], axis=1)
+    right -= forward * np.sum(right * forward, axis=1, keepdims=True)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    axle = ground.course.points(s_m)
+    axle[:, 1] = 0.5 * (y[:, 0] + y[:, 1])
+    poses = np.tile(np.eye(4), (len(s_m), 1, 1))
+    poses[:, :3, :3] = np.stack([right, np.cross(forward, right), forward], axis=2)
+    poses[:, :3, 3] = axle + settings.lever_arm_m * forward
+    return poses
 
 
 def _camera_in_vehicle(mount: Array) -> Array:
@@ -143,8 +142,10 @@ def _camera_in_vehicle(mount: Array) -> Array:
     return T
 
 
-def _truth(ground: Ground, s_m: float, T_world_camera: Array, yaw_rad: float) -> Array:
-    """(4,) height, pitch, roll, yaw over the own lane's plane ahead of s."""
-    normal, offset = ground.lane_plane(s_m)
-    e = Extrinsics.from_plane(Plane(normal, offset).transformed(invert_transform(T_world_camera)), yaw_rad)
-    return np.array([e.height_m, e.pitch_rad, e.roll_rad, e.yaw_rad])
+def _truth(ground: Ground, s_m: Array, T_world_camera: Array, yaw_rad: Array) -> Array:
+    """(N, 4) height, pitch, roll, yaw over the own lane's plane ahead of s."""
+    rows = []
+    for normal, offset, T, yaw in zip(*ground.lane_planes(s_m), T_world_camera, yaw_rad, strict=True):
+        e = Extrinsics.from_plane(Plane(normal, offset).transformed(invert_transform(T)), float(yaw))
+        rows.append((e.height_m, e.pitch_rad, e.roll_rad, e.yaw_rad))
+    return np.array(rows)

@@ -83,15 +83,16 @@ class Ground:
         s, t = np.broadcast_arrays(np.asarray(s_m, dtype=np.float64), np.asarray(t_m, dtype=np.float64))
         return self._at_vertices(s, t, self.extra_height(s, t))
 
-    def lane_plane(self, s_m: float) -> tuple[Array, float]:
-        """The plane that least-squares fits the own lane ahead of s: unit normal (down), offset [m]."""
-        ahead = np.linspace(FIT_NEAR_M, FIT_FAR_M, 65)[:, None]
-        across = np.linspace(-LANE_EDGE_M, LANE_EDGE_M, 29)[None, :]
-        points = self.surface(s_m + ahead, across).reshape(-1, 3)
-        center = points.mean(axis=0)
-        _, _, axes = np.linalg.svd(points - center, full_matrices=False)
-        normal = axes[2] if axes[2][1] > 0 else -axes[2]
-        return normal, float(normal @ center)
+    def lane_planes(self, s_m: Array) -> tuple[Array, Array]:
+        """The planes that least-squares fit the own lane ahead of s (N,): unit normals (N, 3) down, offsets (N,)."""
+        ahead = np.linspace(FIT_NEAR_M, FIT_FAR_M, 65)[None, :, None]
+        across = np.linspace(-LANE_EDGE_M, LANE_EDGE_M, 15)[None, None, :]
+        points = self.surface(s_m[:, None, None] + ahead, across).reshape(len(s_m), -1, 3)
+        center = points.mean(axis=1)
+        rest = points - center[:, None]
+        _, axes = np.linalg.eigh(np.einsum("nij,nik->njk", rest, rest))
+        normals = axes[:, :, 0] * np.where(axes[:, 1:2, 0] > 0, 1.0, -1.0)
+        return normals, np.sum(normals * center, axis=1)
 
 
 def build_ground(

@@ -200,7 +200,7 @@ def tree(
     half = size * rng.uniform(0.75, 1.3, (cards, 1))
     corner = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     corners = np.stack([centers + half * (a * side + b * up) for a, b in corner], axis=1)
-    uv = np.broadcast_to(np.array([[0, 0], [256, 0], [256, 256], [0, 256]], float), (cards, 4, 2))
+    uv = np.broadcast_to(np.array([[0, 0], [512, 0], [512, 512], [0, 512]], float), (cards, 4, 2))
     pick = np.array([[0, 1, 2], [0, 2, 3]])
     normals = np.repeat(
         ((corners - middle) / np.array([crown_m, tall / 2, crown_m]))[:, pick].reshape(-1, 3, 3), 1, axis=0

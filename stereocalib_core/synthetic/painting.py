@@ -33,7 +33,7 @@ def sky(rng: np.random.Generator) -> Grey:
     image = np.full((height, width), 0.0)
     clouds = tileable_noise((height, width), [(60, 6), (180, 8), (500, 10)], rng)
     azimuth = 2 * np.pi * np.arange(width) / width
-    image[:] = 236 - 105 * np.clip(rise / 0.5, 0, 1) + 22 * np.cos(azimuth - 1.0)[None, :] + clouds
+    image[:] = 262 - 110 * np.clip(rise / 0.5, 0, 1) + 22 * np.cos(azimuth - 1.0)[None, :] + clouds
     ridge = tileable_noise((1, width), [(16, 0.0035), (60, 0.005), (300, 0.008)], rng)[0] + 0.030
     far = tileable_noise((height, width), [(3, 14), (8, 12), (40, 10)], rng)
     ground = rise < ridge[None, :]
@@ -44,7 +44,7 @@ def sky(rng: np.random.Generator) -> Grey:
 def facade(rng: np.random.Generator) -> Grey:
     """A house front, 10.24 m square, the street at its lower edge: three storeys of windows, a door."""
     n = 512
-    wall = rng.choice([95, 120, 140, 165, 190])
+    wall = rng.choice([80, 115, 145, 175, 205])
     image = wall + tileable_noise((n, n), [(3, 5), (10, 4), (60, 7), (220, 9)], rng)
     if rng.random() < 0.3:
         rows = (np.arange(n) % 4 == 0)[:, None] * -22.0
@@ -119,16 +119,21 @@ def bark(rng: np.random.Generator) -> Grey:
 
 def foliage(rng: np.random.Generator) -> tuple[Grey, Grey]:
     """A branch full of leaves, and where it is not a hole (255)."""
-    n = 256
-    light = np.full((n, n), 40, np.float64)
+    n = 512
+    light = np.full((n, n), 36, np.float64)
     mask = np.zeros((n, n), np.uint8)
-    for _ in range(420):
-        radius = 0.47 * n * np.sqrt(rng.random())
-        angle = rng.uniform(0, 2 * np.pi)
+    twigs = rng.uniform(0, 2 * np.pi, 9)
+    for angle in twigs:
+        tip = (int(n / 2 + 0.42 * n * np.cos(angle)), int(n / 2 + 0.42 * n * np.sin(angle)))
+        cv2.line(light, (n // 2, n // 2), tip, 52.0, 3)
+        cv2.line(mask, (n // 2, n // 2), tip, 255.0, 3)
+    for _ in range(1500):
+        radius = 0.46 * n * np.sqrt(rng.random())
+        angle = rng.choice(twigs) + rng.normal(0, 0.33)
         center = (int(n / 2 + radius * np.cos(angle)), int(n / 2 + radius * np.sin(angle)))
-        axes = (int(rng.uniform(7, 13)), int(rng.uniform(3, 6)))
+        axes = (int(rng.uniform(6, 13)), int(rng.uniform(3, 6)))
         turn = rng.uniform(0, 360)
-        tone = float(np.clip(rng.normal(118, 46), 26, 250))
+        tone = float(np.clip(rng.normal(126, 60), 16, 255))
         cv2.ellipse(light, center, axes, turn, 0, 360, tone, -1)
         cv2.ellipse(mask, center, axes, turn, 0, 360, 255, -1)
     return to_grey(light + rng.normal(0, 4, (n, n))), mask
@@ -138,14 +143,12 @@ def hedge(rng: np.random.Generator) -> Grey:
     """Leaves without holes, for hedges and bushes."""
     n = 256
     light = np.full((n, n), 34, np.float64)
-    for _ in range(2600):
-        center = (int(rng.integers(0, n)), int(rng.integers(0, n)))
-        tone = float(np.clip(rng.normal(92, 40), 18, 230))
-        for dx in (-n, 0, n):
-            for dy in (-n, 0, n):
-                if -20 < center[0] + dx < n + 20 and -20 < center[1] + dy < n + 20:
-                    spot = (center[0] + dx, center[1] + dy)
-                    cv2.ellipse(light, spot, (5, 3), center[0] * 7.0, 0, 360, tone, -1)
+    spots, tones = rng.integers(0, n, (5200, 2)), np.clip(rng.normal(94, 50, 5200), 12, 250)
+    for (x, y), tone in zip(spots.tolist(), tones.tolist(), strict=True):
+        # what sticks out on one side comes in on the other
+        for dx in (0, n) if x < 6 else (0, -n) if x > n - 6 else (0,):
+            for dy in (0, n) if y < 6 else (0, -n) if y > n - 6 else (0,):
+                cv2.ellipse(light, (x + dx, y + dy), (4, 2), x * 7.0, 0, 360, tone, -1)
     return to_grey(light)
 
 

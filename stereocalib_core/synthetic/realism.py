@@ -1,4 +1,4 @@
-"""Does the synthetic drive look like a real one to an algorithm? `python -m stereocalib_core.synthetic.realism SOURCE...`
+"""Does the synthetic drive look real to an algorithm? `python -m stereocalib_core.synthetic.realism SOURCE...`
 
 For every drive: the share of valid disparities, the share of the free map, corners on the road in a frame, and
 how often the picture's gradient is weak or strong; then the synthetic drive against the mean of the real ones.
@@ -41,7 +41,9 @@ class Realism:
     frames: int
 
 
-def picture_statistics(left: NDArray[np.uint8], right: NDArray[np.uint8], source: FrameSource) -> NDArray[np.float64]:
+def picture_statistics(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], source: FrameSource
+) -> NDArray[np.float64]:
     """(len(NAMES),) of one stereo pair; NaN where there is no road."""
     result = estimate_road(left, right, source.camera, PipelineConfig())
     values = np.full(len(NAMES), np.nan)
@@ -57,7 +59,9 @@ def picture_statistics(left: NDArray[np.uint8], right: NDArray[np.uint8], source
         corners = cv2.goodFeaturesToTrack(left, 20000, _CORNER_QUALITY, _CORNER_DISTANCE_PX, mask=mask)
         values[2] = 0.0 if corners is None else len(corners)
     smooth = left.astype(np.float32)
-    gradient = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8))
+    gradient = np.hypot(
+        cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    )
     counts, _ = np.histogram(gradient, np.array(GRADIENT_EDGES))
     values[3:] = counts / gradient.size
     return values
@@ -77,14 +81,28 @@ def measure(source: FrameSource, frames: int = 25) -> Realism:
 def table(synthetic: Realism, real: Sequence[Realism]) -> str:
     """Markdown: every statistic of every drive, the mean of the real ones, and the synthetic drive's ratio to it."""
     mean = np.mean([r.values for r in real], axis=0)
-    head = ["statistic", *(r.source for r in real), "mean of the real", synthetic.source, "ratio", f"within {FACTOR:g}"]
+    head = [
+        "statistic",
+        *(r.source for r in real),
+        "mean of the real",
+        synthetic.source,
+        "ratio",
+        f"within {FACTOR:g}",
+    ]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for k, name in enumerate(NAMES):
         ratio = synthetic.values[k] / mean[k]
         digits = 0 if k == 2 else 4
         numbers = [f"{r.values[k]:.{digits}f}" for r in real]
         verdict = "yes" if 1 / FACTOR <= ratio <= FACTOR else "no"
-        cells = [name, *numbers, f"{mean[k]:.{digits}f}", f"{synthetic.values[k]:.{digits}f}", f"{ratio:.2f}", verdict]
+        cells = [
+            name,
+            *numbers,
+            f"{mean[k]:.{digits}f}",
+            f"{synthetic.values[k]:.{digits}f}",
+            f"{ratio:.2f}",
+            verdict,
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -25,7 +25,7 @@ from stereocalib_core.synthetic.textures import tileable_noise
 Array = NDArray[np.float64]
 ROWS = 1024
 ASPHALT_GREY = 96
-SHADE_GREY = 84
+SHADE_GREY = 74
 """What is left of sunlight in the shade, of 255."""
 
 
@@ -84,18 +84,23 @@ class RoadMap:
         rng: np.random.Generator,
     ) -> None:
         """The shade of a tree's crown: many leaves' worth of overlapping spots."""
-        n = int(60 * radius)
+        n = int(150 * radius)
         direction = rng.standard_normal((n, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         spots = center_world + direction * (rng.random((n, 1)) ** 0.4) * np.array([radius, tall / 2, radius])
         ground = spots[:, [0, 2]] + (spots[:, 1] / sun[1])[:, None] * -sun[[0, 2]]
         s, t = road_coordinates(self.course, ground, s_near_m)
-        inside = np.abs(t) < HALF_WIDTH_M + 1
-        angle = np.linspace(0, 2 * np.pi, 9)[:-1]
-        for a, b in zip(s[inside], t[inside], strict=True):
-            size = rng.uniform(0.12, 0.42)
-            wobble = size * rng.uniform(0.6, 1.3, 8)
-            self._darken([self.pixels(a + wobble * np.cos(angle), b + wobble * np.sin(angle))], SHADE_GREY)
+        angle = np.linspace(0, 2 * np.pi, 7)[:-1]
+        reach = rng.uniform(0.07, 0.26, (n, 1)) * rng.uniform(0.6, 1.3, (n, 6))
+        outlines = self.pixels(s[:, None] + reach * np.cos(angle), t[:, None] + reach * np.sin(angle))
+        width = self.light.shape[1] * 16
+        for outline in outlines[np.abs(t) < HALF_WIDTH_M]:
+            cv2.fillConvexPoly(self.light, outline, float(SHADE_GREY), cv2.LINE_AA, 4)
+            if outline[:, 0].min() < 0 or outline[:, 0].max() >= width:
+                lap = width if outline[:, 0].min() < 0 else -width
+                cv2.fillConvexPoly(
+                    self.light, outline + np.array([lap, 0], np.int32), float(SHADE_GREY), cv2.LINE_AA, 4
+                )
 
 
 def road_coordinates(

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SUN = np.array([np.sin(0.9) * np.cos(0.75), -np.sin(0.75), np.cos(0.9) * np.cos(0.75)])
 """Direction to the sun."""
-AMBIENT, SUNLIGHT = 0.52, 1.0
+AMBIENT, SUNLIGHT = 0.42, 1.5
 _ONCOMING_M, _ONCOMING_SPEED = -3.55, 9.0
 _TRUCK_AHEAD_M = 2.3
 
