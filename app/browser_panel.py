@@ -18,17 +18,17 @@ class BrowserPanel:
     def __init__(self, hub: Hub, client: viser.ClientHandle) -> None:
         gui = client.gui
         with gui.add_folder("This browser", expand_by_default=False, order=1e6):
-            self._own = gui.add_checkbox(
+            self._own: Any = gui.add_checkbox(
                 "Explore on my own",
                 False,
                 hint="Leave the shared time line; your changes stay in this browser.",
             )
-            self._lead = gui.add_checkbox(
+            self._lead: Any = gui.add_checkbox(
                 "Only I lead",
                 hub.leader == client.client_id,
                 hint="Others follow until they explore on their own.",
             )
-            self._light = gui.add_checkbox("Light theme", False, hint="Only in this browser.")
+            self._light: Any = gui.add_checkbox("Light theme", False, hint="Only in this browser.")
 
         @self._own.on_update
         def _(event: Any) -> None:

@@ -118,6 +118,25 @@ def blend(picture: Picture, mask: NDArray[np.bool_], color: Rgb, alpha: float) -
         picture[mask] = (picture[mask] * np.float32(1 - alpha) + tint).astype(np.uint8)
 
 
+@lru_cache(maxsize=16)
+def _tint_table(colors: tuple[Rgb, ...], alphas: tuple[float, ...], gain: float) -> Picture:
+    """(classes * 256, 3): the colour of each grey value in each class."""
+    grey = np.arange(256, dtype=np.float32)[:, None] * gain
+    rows = [
+        grey * (1 - a) + np.array(color, dtype=np.float32) * a
+        for color, a in zip(colors, alphas, strict=True)
+    ]
+    return np.concatenate(rows).clip(0, 255).astype(np.uint8)
+
+
+def tinted(
+    grey: Picture, classes: Picture, colors: tuple[Rgb, ...], alphas: tuple[float, ...], gain: float = 1.0
+) -> Picture:
+    """(h, w) grey and class numbers to RGB: each class tints the picture with its colour."""
+    index = classes.astype(np.uint16) * np.uint16(256) + grey
+    return np.take(_tint_table(colors, alphas, gain), index, axis=0)
+
+
 def polyline(picture: Picture, points: NDArray[np.floating], color: Rgb, thickness: int = 2) -> None:
     """(N, 2) x, y with NaN gaps, anti-aliased at 1/16 px. In place."""
     good = np.isfinite(points).all(axis=1) & (np.abs(points) < 20000).all(axis=1)

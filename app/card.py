@@ -19,6 +19,13 @@ def _measured(block: Any, digits: int, unit: str) -> str:
     return text.with_sigma(block.get("value"), block.get("sigma"), digits, unit)
 
 
+def shift_words(shift: Mapping[str, Any]) -> str:
+    """A shift of the mount in words."""
+    return (
+        f"{shift['kind']} of {shift['axis']} {shift['size']:+.3g} {shift['unit']} at frame {shift['frame']}"
+    )
+
+
 def mount_rows(snapshot: Snapshot) -> list[tuple[str, str]]:
     """Name and value of every line of the card."""
     report = {} if snapshot.analysis is None else snapshot.analysis.report
@@ -38,7 +45,7 @@ def mount_rows(snapshot: Snapshot) -> list[tuple[str, str]]:
         rows.append(("tolerance", "within" if within else "OUTSIDE"))
     shifts = report.get("shifts") or []
     if snapshot.analysis is not None:
-        rows.append(("mount shifts", str(len(shifts)) if shifts else "none"))
+        rows.append(("shifts", "; ".join(shift_words(s) for s in shifts[:6]) or "none"))
     return rows
 
 
@@ -82,9 +89,17 @@ def card_markdown(snapshot: Snapshot) -> str:
 
     def value_of(key: str, value: str) -> str:
         shown = text.escape(value, 160)
-        if key in ("stereo pair", "tolerance") and not value.startswith(("good", "within")):
-            return f'<span style="color:{palette.css(palette.FAILED)}">⚠ {shown}</span>'
-        return shown
+        alarming = (key in ("pair", "tolerance") and value not in ("good", "within", "–")) or (
+            key == "shifts" and value != "none"
+        )
+        return (
+            f'<span style="color:{palette.css(palette.FAILED)}">**⚠ {shown}**</span>' if alarming else shown
+        )
 
-    table = text.table(["", ""], [[f"**{key}**", value_of(key, value)] for key, value in rows])
-    return f"**{title}**\n\n{table}"
+    lines = [[f"**{key}**", value_of(key, value)] for key, value in rows if key != "pair, why"]
+    why = "".join(
+        f'\n\n<span style="font-size:0.8em;opacity:0.75">Stereo pair: {text.escape(value, 400)}</span>'
+        for key, value in rows
+        if key == "pair, why"
+    )
+    return f"**{title}**\n\n{text.table(['', ''], lines)}{why}"

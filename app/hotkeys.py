@@ -21,7 +21,7 @@ class Command:
 
 
 def _preset(name: str) -> Callable[[Page], Any]:
-    return lambda page: page.change(preset=name)
+    return lambda page: page.header.choose(name)
 
 
 def _toggle(axis: str) -> Callable[[Page], Any]:

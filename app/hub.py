@@ -37,8 +37,8 @@ class Hub:
         server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
         )
-        server.initial_camera.position = (-6.0, -5.5, -9.5)
-        server.initial_camera.look_at = (0.5, 3.6, 6.0)
+        server.initial_camera.position = (-6.0, -6.0, -9.5)
+        server.initial_camera.look_at = (0.9, 4.4, 4.5)
         server.initial_camera.up = (0.0, -1.0, 0.0)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(MAIN_WIDTH_PX)

@@ -28,7 +28,7 @@ RAW: Final[Rgb] = (86, 150, 220)
 FILTERED: Final[Rgb] = (0, 158, 115)
 TRUTH: Final[Rgb] = (205, 60, 60)
 
-BRAND: Final[Rgb] = (0, 114, 178)
+BRAND: Final[Rgb] = (0, 92, 148)
 
 VARIANT: Final[dict[str, Rgb]] = {
     "ground_truth": (222, 45, 38),

@@ -28,6 +28,7 @@ WIDTH_PX = 960
 STAGE_NAMES = ("disparity", "u-disparity", "free map", "v-disparity")
 BAND_FACTOR = 10.0
 """The profile's band is drawn at this many sigma; one sigma is thinner than a pixel."""
+CLASS_COLORS = (palette.PAPER, palette.FREE, palette.ROAD, palette.OBSTACLE)
 _GRID_Z = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)
 _GRID_X = (-3.5, -1.75, 0.0, 1.75, 3.5)
 
@@ -42,6 +43,14 @@ def _resize(mask: NDArray, width: int, height: int) -> NDArray:
     source = mask.astype(np.uint8) if mask.dtype == np.bool_ else mask
     out = cv2.resize(source, (width, height), interpolation=flags)
     return out.astype(np.bool_) if mask.dtype == np.bool_ else out
+
+
+def classes_of(stages: RoadStages) -> NDArray[np.uint8]:
+    """(h, w) 0 nothing, 1 free, 2 road, 3 obstacle."""
+    classes = stages.free.astype(np.uint8)
+    classes[stages.road] = 2
+    classes[stages.obstacles] = 3
+    return classes
 
 
 def picture_height(camera: StereoCamera, width: int) -> int:
@@ -102,12 +111,11 @@ def left_view(
     if frame.left.shape != (camera.height, camera.width):
         height = int(round(frame.left.shape[0] * width / frame.left.shape[1]))
     grey = cv2.resize(frame.left, (width, height), interpolation=cv2.INTER_AREA)
-    body = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
-    if stages is not None:
-        road = _resize(stages.road, width, height)
-        canvas.blend(body, _resize(stages.free, width, height) & ~road, palette.FREE, 0.22)
-        canvas.blend(body, road, palette.ROAD, 0.36)
-        canvas.blend(body, _resize(stages.obstacles, width, height), palette.OBSTACLE, 0.20)
+    if stages is None:
+        body = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
+    else:
+        classes = _resize(classes_of(stages), width, height)
+        body = canvas.tinted(grey, classes, CLASS_COLORS, (0.0, 0.22, 0.36, 0.20))
     if stages is not None and stages.estimate is not None:
         draw_road(body, camera, stages.estimate.extrinsics, palette.GRID, labels=True)
     if live is not None:
@@ -129,13 +137,11 @@ def disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
 
 def free_map_view(frame: StereoFrame, stages: RoadStages, width: int, height: int) -> Picture:
     """What is road, what else is free, what stands upright, and what has no disparity."""
-    body = np.full((*stages.free.shape, 3), palette.PAPER, dtype=np.uint8)
+    shape = stages.free.shape[::-1]
+    grey: Picture = np.zeros(stages.free.shape, np.uint8)
     if frame.left is not None:
-        small = cv2.resize(frame.left, stages.free.shape[::-1], interpolation=cv2.INTER_AREA)
-        body[:] = (small // 3)[..., None]
-    canvas.blend(body, stages.free & ~stages.road, palette.FREE, 0.75)
-    canvas.blend(body, stages.road, palette.ROAD, 0.85)
-    canvas.blend(body, stages.obstacles, palette.OBSTACLE, 0.8)
+        grey = cv2.resize(frame.left, shape, interpolation=cv2.INTER_AREA)
+    body = canvas.tinted(grey, classes_of(stages), CLASS_COLORS, (0.0, 0.75, 0.85, 0.8), gain=0.33)
     valid = int(np.isfinite(stages.disparity.values).sum())
     share = 100.0 * float(stages.free.sum()) / max(valid, 1)
     legend = [("road", palette.ROAD), ("free", palette.FREE), ("obstacle", palette.OBSTACLE)]

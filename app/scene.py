@@ -105,7 +105,7 @@ class Scene:
             self._mount.wxyz = vtf.SO3.from_matrix(T[:3, :3]).wxyz
             self._mount.position = T[:3, 3]
             self._plumb.points = np.array([[[0, 0, 0], [0, -extrinsics.height_m, 0]]], np.float32)
-            self._label.position = (0.0, -extrinsics.height_m - 0.5, 0.0)
+            self._label.position = (0.35, -0.5 * extrinsics.height_m, 0.0)
 
     def show_cloud(self, points: NDArray[np.float32], colors: NDArray[np.uint8], visible: bool) -> None:
         """The coloured points of the frame, in the camera frame [m]."""

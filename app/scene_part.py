@@ -80,11 +80,8 @@ class ScenePart:
         if best is None:
             return "no road measured" if moment.result is not None else "not computed yet"
         e, origin = best
-        numbers = (
-            f"h {text.number(e.height_m, 3, ' m')}  pitch {text.number(e.pitch_deg, 2, '°')}  "
-            f"roll {text.number(e.roll_deg, 2, '°')}"
-        )
-        return numbers if origin == "this pair" else f"{numbers}  ({origin})"
+        height = text.number(e.height_m, 3, " m")
+        return height if origin == "this pair" else f"{height} ({origin})"
 
     def _T_world_road(self, moment: Moment, extrinsics: Extrinsics | None) -> NDArray[np.float64]:
         poses = moment.paths.poses.get("autocalibrated")

@@ -82,7 +82,7 @@ class Session:
         self.frames, self.saved = frames, saved
         self.autoplay = not saved
         self._analyse = analyse
-        self._front_end = FrontEnd(source.camera, config)
+        self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
         self._views: dict[str, FrameViews] = {}
         self.views = self.views_with("")
         self._snapshot = Snapshot(total=len(source))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from app import palette, text
@@ -16,6 +17,11 @@ AXES = ("yaw", "pitch", "roll", "height")
 MODELS = ("full", "planar", "nonholonomic")
 SOURCES = ("filtered", "raw")
 ERROR_LIMIT_DEG, ERROR_LIMIT_M = 2.0, 0.30
+
+
+def error_field(axis: str) -> str:
+    """The field of `Corrections` that holds an axis' injected error."""
+    return "height_error_m" if axis == "height" else f"{axis}_error_deg"
 
 
 class CorrectionsPanel:
@@ -43,9 +49,8 @@ class CorrectionsPanel:
             self._error[axis] = gui.add_slider(
                 f"{axis} + {unit}", -limit, limit, step, 0.0, hint=f"Added to the {axis} in every frame."
             )
-            page.on_input(self._strength[axis], lambda v, a=axis: self.set(**{f"{a}_strength": v / 100.0}))
-            key = "height_error_m" if axis == "height" else f"{axis}_error_deg"
-            page.on_input(self._error[axis], lambda v, k=key: self.set(**{k: float(v)}))
+            page.on_input(self._strength[axis], partial(self._set_strength, axis))
+            page.on_input(self._error[axis], partial(self._set_error, error_field(axis)))
         self._source = gui.add_dropdown(
             "Extrinsics", SOURCES, initial_value="filtered", hint="After the filter, or each pair alone."
         )
@@ -62,6 +67,12 @@ class CorrectionsPanel:
         page.on_input(self._source, lambda value: self.set(source=value))
         page.on_input(self._model, lambda value: self.set(model=value))
         page.on_click(self._buttons, lambda value: self.reset() if value == "Reset" else self.swap())
+
+    def _set_strength(self, axis: str, percent: float) -> None:
+        self.set(**{f"{axis}_strength": percent / 100.0})
+
+    def _set_error(self, name: str, value: float) -> None:
+        self.set(**{name: float(value)})
 
     def set(self, **changes: Any) -> None:
         """Change some corrections; the first of a series of changes to the same field is kept for A / B."""
@@ -100,8 +111,7 @@ class CorrectionsPanel:
         c = moment.settings.corrections
         for axis in AXES:
             self._strength[axis].value = round(100 * getattr(c, f"{axis}_strength"))
-            key = "height_error_m" if axis == "height" else f"{axis}_error_deg"
-            self._error[axis].value = getattr(c, key)
+            self._error[axis].value = getattr(c, error_field(axis))
         self._source.value, self._model.value = c.source, c.model
         live = f'<span style="color:{palette.css(palette.LIVE)}">▬</span>'
         self._state.content = (
@@ -117,8 +127,8 @@ def describe(corrections: Corrections) -> str:
         strength = getattr(corrections, f"{axis}_strength")
         if strength != 1.0:
             parts.append(f"{axis} {100 * strength:.0f} %")
-        key, unit = ("height_error_m", "m") if axis == "height" else (f"{axis}_error_deg", "°")
-        error = getattr(corrections, key)
+        unit = "m" if axis == "height" else "°"
+        error = getattr(corrections, error_field(axis))
         if error:
             parts.append(f"{axis} {error:+.3g} {unit}")
     if corrections.source != plain.source:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING, Any
 
 from app import palette, text
 from app.moment import Moment
+from app.panels.faults import FaultsPanel
 from app.remedies import REMEDIES
 from app.session import Snapshot
 from stereocalib_core.errors import FailureReason
@@ -27,18 +29,31 @@ def limits(check: Check) -> str:
     return NOWHERE if check.high is None else f"≤ {check.high:.4g}"
 
 
-def checks_table(checks: tuple[Check, ...]) -> str:
-    """Every number with its limit; what is outside is marked in words and colour."""
-    rows = []
+def checks_html(checks: tuple[Check, ...]) -> str:
+    """Every number with its limit, stage by stage; what is outside is marked in words and colour."""
+    color = palette.css(palette.FAILED)
+    rows: list[str] = []
+    stage = ""
     for check in checks:
-        unit = f" {text.escape(check.unit)}" if check.unit else ""
-        value = f"{check.value:.4g}{unit}"
-        verdict = "ok"
+        if check.stage != stage:
+            stage = check.stage
+            rows.append(
+                f'<tr><td colspan="3" style="padding-top:0.5em;font-weight:600">{html.escape(stage)}</td></tr>'
+            )
+        unit = f" {html.escape(check.unit)}" if check.unit else ""
+        value, limit = f"{check.value:.4g}{unit}", html.escape(limits(check))
+        name = html.escape(check.name)
         if not check.ok:
-            verdict = f'<span style="color:{palette.css(palette.FAILED)}">**outside**</span>'
-            value = f"**{value}**"
-        rows.append([text.escape(check.stage), text.escape(check.name), value, limits(check), verdict])
-    return text.table(["stage", "number", "value", "limit", ""], rows)
+            name = f'<b style="color:{color}">✗ {name} is outside</b>'
+            value = f'<b style="color:{color}">{value}</b>'
+        rows.append(
+            f"<tr><td>{name}</td><td style='text-align:right;white-space:nowrap'>{value}</td>"
+            f"<td style='text-align:right;white-space:nowrap;opacity:0.7'>{limit}</td></tr>"
+        )
+    head = "<tr style='opacity:0.7'><td>number</td><td style='text-align:right'>value</td>"
+    head += "<td style='text-align:right'>limit</td></tr>"
+    style = "width:100%;font-size:0.82em;border-spacing:0 0.1em;padding:0 0.5em"
+    return f"<table style='{style}'>{head}{''.join(rows)}</table>"
 
 
 def verdict(moment: Moment) -> str:
@@ -102,7 +117,11 @@ class DebugPanel:
             "Shifts", (NOWHERE,), hint="Where the mount moved. Choose one to go there."
         )
         self._jump = gui.add_button_group("", ("◀ failure", "failure ▶"))
-        self._checks = gui.add_markdown("")
+        self._checks = gui.add_html("")
+        self._faults: FaultsPanel | None = None
+        if page.session.spec.startswith("synthetic"):
+            with gui.add_folder("Break this synthetic drive"):
+                self._faults = FaultsPanel(page)
         for handle in (self._failures, self._shifts):
             page.on_input(handle, self._go)
         page.on_click(self._jump, lambda v: page.playback.seek_failure(1 if v.startswith("failure") else -1))
@@ -117,7 +136,9 @@ class DebugPanel:
         """Show the frame's numbers and the lists."""
         self._verdict.content = verdict(moment)
         result = moment.result
-        self._checks.content = "" if result is None else checks_table(result.checks)
+        self._checks.content = "" if result is None else checks_html(result.checks)
+        if self._faults is not None:
+            self._faults.update(moment)
         if moment.drive_changed:
             for handle, options in (
                 (self._failures, failure_options(moment.snapshot)),

@@ -27,8 +27,7 @@ def error_charts(moment: Moment | None) -> tuple[list[Chart], float | None]:
         empty = tuple(Curve(palette.VARIANT_NAME[n], np.full(2, np.nan), palette.VARIANT[n]) for n in NAMES)
         labels = ("error m", "heading °")
         return [Chart(x, empty, (), (0.0, 1.0), label, "distance m", "metres") for label in labels], None
-    x = next(iter(known.values())).distance_m
-    assert x is not None
+    x = np.asarray(next(iter(known.values())).distance_m, dtype=np.float64)
     charts = []
     for label, pick in (("error m", "miss_m"), ("heading °", "heading_deg")):
         curves = []

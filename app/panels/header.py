@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from app import text
+from app.lessons import LESSONS
 from app.moment import Moment
 from app.panels.corrections import CorrectionsPanel
 from app.panels.debug import DebugPanel
@@ -41,6 +42,7 @@ class HeaderPanel:
 
     def __init__(self, page: Page) -> None:
         gui = page.gui
+        self._page = page
         self._drive = page.add_root(gui.add_markdown(""))
         self._progress = page.add_root(gui.add_progress_bar(0.0))
         self._preset = page.add_root(
@@ -48,7 +50,7 @@ class HeaderPanel:
                 "View", PRESETS, hint="Inspect a drive, teach the method, or find out why a frame failed."
             )
         )
-        page.on_click(self._preset, lambda value: page.change(preset=value))
+        page.on_click(self._preset, self.choose)
         self.tabs = page.add_root(gui.add_tab_group())
         self._guides: dict[str, Any] = {}
         self._parts: list[Any] = []
@@ -59,15 +61,20 @@ class HeaderPanel:
                     self._parts.append(build(page))
         self.teach: TeachPanel = self._parts[1]
         with self.tabs.add_tab("Correct"):
-            self.corrections = CorrectionsPanel(page)
+            self.corrections: CorrectionsPanel = CorrectionsPanel(page)
         with self.tabs.add_tab("Paths"):
             self._parts.append(PathPanel(page))
         with self.tabs.add_tab("Export"):
-            self.exports = ExportPanel(page)
+            self.exports: ExportPanel = ExportPanel(page)
             self._parts.append(self.exports)
         with self.tabs.add_tab("Open"):
             self._parts.append(OpenPanel(page))
         self._parts.append(self.corrections)
+
+    def choose(self, preset: str) -> None:
+        """Change the preset; each starts with its own view."""
+        layout = LESSONS[self._page.settings.teach_step].layout if preset == "Teach" else "all stages"
+        self._page.change(preset=preset, layout=layout)
 
     def update(self, moment: Moment) -> None:
         """Show progress, the drive's state, and the guide of the preset."""

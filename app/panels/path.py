@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ class PathPanel:
             self._shown[name] = gui.add_checkbox(
                 palette.VARIANT_NAME[name], True, hint="Show or hide this path."
             )
-            page.on_input(self._shown[name], lambda value, n=name: self._show(n, value))
+            page.on_input(self._shown[name], partial(self._show, name))
         self._follow = gui.add_checkbox(
             "Follow the car", True, hint="Keep the car in view; off shows the whole drive."
         )

@@ -62,7 +62,7 @@ class TeachPanel:
             f"**Step {settings.teach_step + 1} of {len(LESSONS)}: {lesson.title}**\n\n{lesson.words}"
         )
         self._equation.content = lessons.equation_html(lesson.latex)
-        self._break.label = lesson.breakage.label
+        self._break.label = f"Break it: {lesson.breakage.label[0].lower()}{lesson.breakage.label[1:]}"
         broken = bool(settings.broken_stage) or settings.corrections.touched
         self._break.visible, self._mend.visible = not broken, broken
         self._effect.content = f"**Broken:** {lesson.breakage.effect}." if broken else ""

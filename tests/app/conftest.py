@@ -1,0 +1,130 @@
+"""A page on a real drive and a headless browser, each started once for all tests of the app."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app import server as app_server
+from app.hub import Hub
+from app.secure import stop_server
+
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-default-apps",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+]
+
+
+def until(condition: Callable[[], Any], timeout_s: float = 15.0, what: str = "condition") -> Any:
+    """Wait for a truthy value and return it."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.03)
+    raise AssertionError(f"{what} not within {timeout_s:g} s")
+
+
+def shown_frame(page: Any) -> int:
+    """The frame number that the page's headline names, -1 before there is one."""
+    text = page.locator("p", has_text=re.compile(r"Frame \d+ of \d+")).first.text_content(timeout=10_000)
+    found = re.search(r"Frame (\d+) of", text or "")
+    return int(found.group(1)) if found else -1
+
+
+def start_page(spec: str, root: Path, **options: Any) -> Hub:
+    """The app on a drive, at a free port."""
+    return app_server.start(spec, port=0, root=root, **options)
+
+
+def stop_page(hub: Hub) -> None:
+    hub.close()
+    stop_server(hub.server)
+
+
+@pytest.fixture(scope="session")
+def hub_06(kitti_06: Path, data_dir: Path) -> Iterator[Hub]:
+    """The first 20 frames of a real drive, completely computed."""
+    hub = start_page(str(kitti_06), data_dir, frames=slice(0, 20))
+    assert hub.shared.session.wait(90.0)
+    yield hub
+    stop_page(hub)
+
+
+@pytest.fixture(scope="session")
+def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A headless Chromium (a playwright browser context) at 1600x900."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        context = playwright.chromium.launch_persistent_context(
+            str(tmp_path_factory.mktemp("chromium")),
+            executable_path=chromium_path,
+            args=list(FLAGS),
+            viewport={"width": 1600, "height": 900},
+            accept_downloads=True,
+        )
+        context.set_default_timeout(15_000)
+        yield context
+        context.close()
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[[Hub], Any]]:
+    """Opens the page of a hub; every request outside its own server is an error."""
+    pages: list[Any] = []
+
+    def opened(hub: Hub) -> Any:
+        page = browser.new_page()
+        pages.append(page)
+        own = f"127.0.0.1:{hub.server.get_port()}"
+        page.foreign = []
+
+        def note(request: Any) -> None:
+            if own not in request.url and not request.url.startswith(("data:", "blob:")):
+                page.foreign.append(request.url)
+
+        page.on("request", note)
+        before = set(hub.server.get_clients())
+        page.goto(f"http://{own}/")
+        page.wait_for_selector(".uplot", timeout=20_000)
+        until(lambda: set(hub.server.get_clients()) - before, what="browser connected")
+        page.client_id = max(set(hub.server.get_clients()) - before)
+        return page
+
+    yield opened
+    for page in pages:
+        page.close()
+
+
+@pytest.fixture
+def fresh(hub_06: Hub) -> Hub:
+    """The shared page of `hub_06` as at the start."""
+    from app.settings import Settings
+
+    hub_06.leader = None
+    hub_06.shared.playback.play(False)
+    hub_06.shared.playback.set_loop(False)
+    hub_06.shared.playback.set_pause_on_failure(False)
+    hub_06.shared.playback.set_speed(1.0)
+    hub_06.shared.settings = Settings()
+    hub_06.shared.compared = None
+    hub_06.shared.playback.seek(0)
+    until(lambda: hub_06.shared.shown_frame == 0, what="first frame")
+    return hub_06

@@ -1,0 +1,64 @@
+"""The page on a real drive, read through a real browser."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from conftest import shown_frame, until  # type: ignore[import-not-found]
+
+from app.hub import Hub
+
+pytestmark = pytest.mark.browser
+
+
+def numbers(page: Any) -> str:
+    """The estimates that the page shows for its frame."""
+    return page.locator("table", has_text="this pair").first.text_content()
+
+
+def test_frames_advance_and_estimates_change(fresh: Hub, open_page: Any) -> None:
+    page = open_page(fresh)
+    assert until(lambda: shown_frame(page) == 0, what="first frame in the browser")
+    first = numbers(page)
+    assert re.search(r"1\.[5-7]\d\d ± 0\.0", first), first
+    page.get_by_role("button", name="play", exact=True).click()
+    until(lambda: shown_frame(page) >= 5, what="playback")
+    assert numbers(page) != first
+    until(lambda: not fresh.shared.playback.state.playing, what="end of the drive")
+    assert until(lambda: shown_frame(page) == 19, what="last frame")
+    assert page.foreign == []
+
+
+def test_step_scrub_and_exact_entry(fresh: Hub, open_page: Any) -> None:
+    page = open_page(fresh)
+    page.get_by_role("button", name="step ▶").click()
+    until(lambda: shown_frame(page) == 1, what="step")
+    page.get_by_role("button", name="◀ step").click()
+    until(lambda: shown_frame(page) == 0, what="step back")
+    entry = page.locator(".mantine-NumberInput-input").first
+    entry.fill("13")
+    entry.press("Enter")
+    until(lambda: shown_frame(page) == 13, what="exact entry")
+    titles = page.locator("p", has_text="Frame 13")
+    assert titles.count() >= 1
+
+
+def test_hotkeys(fresh: Hub, open_page: Any) -> None:
+    page = open_page(fresh)
+    page.locator("canvas").first.click(position={"x": 300, "y": 120})
+    page.keyboard.press("n")
+    until(lambda: shown_frame(page) == 1, what="N")
+    page.keyboard.press("Shift+N")
+    until(lambda: shown_frame(page) == 11, what="Shift+N")
+    page.keyboard.press("p")
+    until(lambda: shown_frame(page) == 10, what="P")
+    page.keyboard.press("End")
+    until(lambda: shown_frame(page) == 19, what="End")
+    page.keyboard.press("Home")
+    until(lambda: shown_frame(page) == 0, what="Home")
+    page.keyboard.press("3")
+    until(lambda: page.get_by_text("Every number is within its limits").is_visible(), what="Debug by its key")
+    page.keyboard.press("Space")
+    until(lambda: fresh.shared.playback.state.playing, what="Space plays")
