@@ -50,6 +50,7 @@ class FrameSource(Protocol):
     `notices` says in one line each what the recording lacks or what was left unused.
     `T_camera_lidar` (4, 4) is given where frames carry LiDAR scans.
     `content_key` changes when the content changes (names a cache).
+    `live`: frames come as they happen, `[i]` gives the newest one and raises IndexError when there are no more.
     """
 
     @property
@@ -73,6 +74,9 @@ class FrameSource(Protocol):
     @property
     def content_key(self) -> str: ...
 
+    @property
+    def live(self) -> bool: ...
+
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: int) -> StereoFrame: ...
@@ -93,6 +97,7 @@ class Recording:
     notices: tuple[str, ...] = ()
     T_camera_lidar: NDArray[np.float64] | None = field(default=None)
     content_key: str = ""
+    live: bool = False
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

@@ -255,6 +255,8 @@ class SavedRun:
 
 def read_run(folder: Path) -> SavedRun:
     """Everything a run wrote but its pictures; raises SourceError."""
+    if not (folder / "report.json").is_file():
+        raise SourceError("no run there", folder, "name the output folder of an earlier `stereocalib run`")
     trajectory, rig = folder / "trajectory.txt", folder / "rig.yaml"
     return SavedRun(
         folder,

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -160,7 +158,7 @@ def _front_end(job: Job, earlier: list[Done]) -> Iterator[Done]:
     """The frames that are still to be done, one by one."""
     from stereocalib_core.pipeline import FrontEnd
 
-    front_end = FrontEnd(job.source.camera, job.config)
+    front_end = FrontEnd(job.source.camera, job.config, job.source.T_camera_lidar)
     if earlier:
         recall(front_end, job.source, earlier)
     before = time.perf_counter()
@@ -186,13 +184,11 @@ def recall(front_end: Any, source: FrameSource, earlier: list[Done]) -> None:
     front_end.recall(again, before[-1].extrinsics if before else None, memory)
 
 
-def _analyse(results: list[FrameResult], job: Job) -> DriveAnalysis | None:
-    if importlib.util.find_spec("stereocalib_core.drive") is None:
-        return None
-    drive = importlib.import_module("stereocalib_core.drive")
+def _analyse(results: list[FrameResult], job: Job) -> DriveAnalysis:
+    from stereocalib_core.drive import analyse
+
     truth = cut_truth(job.source.ground_truth, job.start, job.stop)
-    analysis: DriveAnalysis = drive.analyse(results, job.source.camera, job.config, truth, job.rig)
-    return analysis
+    return analyse(results, job.source.camera, job.config, truth, job.rig)
 
 
 def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth | None:

@@ -45,10 +45,10 @@ class Rectifier:
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a camera.yaml says: the rectified camera, frames a second, and how to rectify if need be."""
+    """What a camera.yaml says: the rectified camera, frames a second if given, and how to rectify if need be."""
 
     camera: StereoCamera
-    fps: float
+    fps: float | None
     rectifier: Rectifier | None
 
 
@@ -61,7 +61,7 @@ def read_camera_file(path: Path) -> CameraFile:
     width, height = (
         int(_number(values, key, path, 32, MAX_SIDE_PX, whole=True)) for key in ("width", "height")
     )
-    fps = _number(values, "fps", path, 1e-3, 1e4) if "fps" in values else 10.0
+    fps = _number(values, "fps", path, 1e-3, 1e4) if "fps" in values else None
     if "left" in values or "right" in values:
         camera, rectifier = _rectified(values, (width, height), path)
         return CameraFile(camera, fps, rectifier)

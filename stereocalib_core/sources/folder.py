@@ -10,7 +10,7 @@ from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.sources.camera_file import Rectifier, read_camera_file
 from stereocalib_core.sources.images import PictureFormat, survey
-from stereocalib_core.sources.lists import frame_times, read_ground_truth, read_times
+from stereocalib_core.sources.lists import KITTI_FPS, frame_times, read_ground_truth, read_times
 from stereocalib_core.sources.pairing import PairReader, check_usable, content_key, match_pairs
 
 
@@ -35,7 +35,7 @@ def open_folder(folder: Path) -> Recording:
     picture = PictureFormat(camera.width, camera.height, found.bits)
     check_usable(pairs, picture, folder)
     times_s, time_notices = frame_times(
-        read_times(folder / "times.txt"), pairs.rows, described.fps, "times.txt"
+        read_times(folder / "times.txt"), pairs.rows, described.fps or KITTI_FPS, "times.txt"
     )
     truth, truth_notices = read_ground_truth(folder / "poses.txt", folder / "extrinsics_gt.csv", pairs.rows)
     read_pair = PairReader(pairs, picture, times_s)

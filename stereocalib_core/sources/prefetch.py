@@ -12,8 +12,12 @@ from stereocalib_core.frames import FrameSource, StereoFrame
 def prefetch(source: FrameSource, start: int, stop: int, ahead: int = 4) -> Iterator[StereoFrame]:
     """Frames start...stop - 1 in order, at most `ahead` of them read in advance by one worker thread.
 
-    Closing the iterator early waits for the frame being read and no other.
+    Closing the iterator early waits for the frame being read and no other. A live source is not read ahead,
+    and ends the iteration when it has no more.
     """
+    if source.live:
+        yield from _as_they_come(source, start, stop)
+        return
     pool = ThreadPoolExecutor(1, thread_name_prefix="prefetch")
     waiting: deque[Future[StereoFrame]] = deque()
     following = iter(range(start, stop))
@@ -30,3 +34,12 @@ def prefetch(source: FrameSource, start: int, stop: int, ahead: int = 4) -> Iter
             yield frame
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _as_they_come(source: FrameSource, start: int, stop: int) -> Iterator[StereoFrame]:
+    for index in range(start, stop):
+        try:
+            frame = source[index]
+        except IndexError:
+            return
+        yield frame

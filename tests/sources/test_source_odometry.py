@@ -251,6 +251,8 @@ def test_prefetch_gives_every_frame_in_order_and_reads_no_further_than_told(tmp_
     read: list[int] = []
 
     class Spy:
+        live = False
+
         def __getitem__(self, index: int) -> StereoFrame:
             read.append(index)
             return source[index]
