@@ -93,6 +93,20 @@ class Tracks:
 
 
 @dataclass(frozen=True)
+class RoadResidual:
+    """The LiDAR's road minus the stereo road of one frame: what the calibration between the two gets wrong.
+
+    values: (3,) height [m], pitch, roll [rad] that the LiDAR adds to the stereo extrinsics, signs as there:
+        the LiDAR stands higher, looks further down, leans further right over the road than calibrated.
+    covariance: (3, 3), both sensors together. points: LiDAR points used.
+    """
+
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    points: int
+
+
+@dataclass(frozen=True)
 class FrameResult:
     """One frame through the front end. `road` is None exactly when `failure` is not."""
 
@@ -106,6 +120,7 @@ class FrameResult:
     tracks: Tracks | None = None
     checks: tuple[Check, ...] = ()
     timing_ms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    lidar: RoadResidual | None = None
 
     @property
     def ok(self) -> bool:
