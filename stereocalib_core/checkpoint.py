@@ -23,9 +23,16 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.pipeline import FrontEndMemory
-from stereocalib_core.results import Check, FrameResult, RectificationSample, RoadEstimate, Tracks
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    RectificationSample,
+    RoadEstimate,
+    RoadResidual,
+    Tracks,
+)
 
-MAGIC = b"stereocalib checkpoint 1\n"
+MAGIC = b"stereocalib checkpoint 2\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 
@@ -176,6 +183,9 @@ def _pack(done: Done) -> bytes:
         else [arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous],
         "checks": [asdict(check) for check in r.checks],
         "timing_ms": dict(r.timing_ms),
+        "lidar": None
+        if r.lidar is None
+        else [arrays.put(r.lidar.values), arrays.put(r.lidar.covariance), r.lidar.points],
         "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
         "total_ms": done.total_ms,
     }
@@ -196,6 +206,7 @@ def _unpack(payload: bytes) -> Done:
     arrays = _Arrays(payload[4 + length :])
     road, failure = values["road"], values["failure"]
     sample, tracks, memory = values["rectification"], values["tracks"], values["memory"]
+    lidar = values["lidar"]
     result = FrameResult(
         values["frame"],
         values["timestamp_s"],
@@ -213,5 +224,6 @@ def _unpack(payload: bytes) -> Done:
         None if tracks is None else Tracks(arrays.get(tracks[0]), arrays.get(tracks[1]), tracks[2]),
         tuple(Check(**check) for check in values["checks"]),
         MappingProxyType(values["timing_ms"]),
+        None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
     )
     return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

@@ -18,6 +18,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.evaluation import OdometryErrors, evaluate
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.lidar_camera.road_check import LidarCheck, check
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
@@ -44,6 +45,7 @@ class Drive(DriveAnalysis):
     rectification: RectificationReport | None = None
     paths: Mapping[str, Trajectory] = dataclasses.field(default_factory=dict)
     errors: Mapping[str, OdometryErrors] = dataclasses.field(default_factory=dict)
+    lidar: LidarCheck | None = None
 
 
 def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
@@ -81,6 +83,7 @@ def analyse(
     reliable = ground_truth is None or ground_truth.heading_reliable
     errors = {name: evaluate(path.poses, truth, reliable) for name, path in paths.items()}
     rectification = summarise(camera, results, config.rectification)
+    lidar = check(results, config.road_check)
     mount = _mount(filtered, yaw_measured, lever)
     report = {
         "mount": _mount_block(mount),
@@ -91,10 +94,11 @@ def analyse(
         "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
         "gaps": [list(gap) for gap in paths["autocalibrated"].gaps],
         "shifts": [],
+        "lidar_check": None if lidar is None else lidar.as_report(),
     }
     return Drive(
         report, filtered, paths["autocalibrated"].poses, mount,
-        tracks, extrinsics, yaw, rectification, paths, errors,
+        tracks, extrinsics, yaw, rectification, paths, errors, lidar,
     )  # fmt: skip
 
 

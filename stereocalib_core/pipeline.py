@@ -14,6 +14,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.lidar_camera.lidar_road import scan_residual
 from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
 from stereocalib_core.results import Check, FrameResult, RectificationSample, Tracks
 from stereocalib_core.rig.rectification import examine
@@ -40,11 +41,17 @@ class FrontEndMemory:
 
 
 class FrontEnd:
-    """Looks at the pixels of each frame once, in order. Keeps the previous pair for the tracks."""
+    """Looks at the pixels of each frame once, in order. Keeps the previous pair for the tracks.
 
-    def __init__(self, camera: StereoCamera, config: PipelineConfig) -> None:
+    T_camera_lidar: (4, 4) where frames carry LiDAR scans; without it the scans are left alone.
+    """
+
+    def __init__(
+        self, camera: StereoCamera, config: PipelineConfig, T_camera_lidar: NDArray[np.float64] | None = None
+    ) -> None:
         self.camera = camera
         self.config = config
+        self.T_camera_lidar = T_camera_lidar
         self._tracker = TrackerState()
         self._road = NOMINAL
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
@@ -78,10 +85,20 @@ class FrontEnd:
         tracks = self._track(frame.index, left, right, road)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
         inliers = None if road.estimate is None else road.estimate.inliers
-        return FrameResult(
+        result = FrameResult(
             frame.index, frame.timestamp_s, road.estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks, MappingProxyType(timing),
-        ), road  # fmt: skip
+        )  # fmt: skip
+        return self._with_lidar(frame, result), road
+
+    def _with_lidar(self, frame: StereoFrame, result: FrameResult) -> FrameResult:
+        """The same with what the frame's scan says of the road, where there is a scan and a road."""
+        if frame.lidar is None or self.T_camera_lidar is None:
+            return result
+        began = time.perf_counter()
+        residual = scan_residual(frame, result, self.T_camera_lidar, self.config.road_check)
+        timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}
+        return dataclasses.replace(result, lidar=residual, timing_ms=MappingProxyType(timing))
 
     def _frozen(self, left: Grey, right: Grey) -> Failure | None:
         """One camera repeats its picture while the other goes on; both at once is a pair as good as before."""
