@@ -21,7 +21,7 @@ SPEEDS_M = tuple(np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(1.0, 3.5, 0
 """Travel per frame that is tried [m]."""
 TURNS_RAD = tuple(np.deg2rad([0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0]).tolist())
 """Heading change per frame that is tried."""
-FACTORS = (1.0, 0.0, 0.5, 1.5, 2.0, 3.0)
+FACTORS = (1.0, 0.0, 0.5, 1.5, 2.0, 3.0, 4.0)
 """Multiples of the last known motion that are tried: a lost or doubled frame, a stop."""
 
 _POINTS = 120

@@ -33,6 +33,9 @@ DISPARITY_TOLERANCE_PX = 1.0
 MIN_AGREEMENT = 0.55
 """Share of the points that must move together, else the prediction was wrong and is searched for."""
 
+MIN_CONSENT = 0.4
+"""Share of the points found again that must move together, else no motion is believed."""
+
 MIN_POINTS = 12
 """Fewer points than this make no tracks."""
 
@@ -148,7 +151,10 @@ def _follow(
         return ok, None, 0.0
     motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), predicted, f, TOLERANCE_PX)
     seen = reprojection(rays, motion)
+    followed = float(ok.sum())
     ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < TOLERANCE_PX)
+    if ok.sum() < MIN_CONSENT * followed:
+        return ok, None, 0.0
     return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(MIN_POINTS))
 
 
