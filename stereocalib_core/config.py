@@ -257,6 +257,9 @@ class RoadCheckConfig:
     """The same for its height at the camera."""
     even_m: float = 12.0
     """Up to here both sensors weigh the road evenly; beyond it stereo noise takes over."""
+    obstacle_cell_m: float = 0.35
+    obstacle_height_m: float = 0.2
+    """Points of one cell that reach over more than this are no road."""
     vote_points: int = 400
     vote_trials: int = 160
     agree_height_m: float = 0.06

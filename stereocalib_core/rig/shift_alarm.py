@@ -1,15 +1,150 @@
-"""Mount shifts."""
+"""Has the mount moved? Steps and slow drifts of height, pitch, roll and yaw, told from the body's own motion.
 
+What braking and cornering explain is taken out first (`explained`). What is left swings with the uneven road;
+a mount that was knocked moves from one frame to the next and stays. So each frame is tried as the onset of a
+step in the whitened series (`steps`), which must be many times its sigma, larger than a least size, and must
+last. Drift is looked for last, as one ramp over a long drive.
+
+A road shows height, pitch and roll, and with straight travel the yaw. A shift of the camera along x or z
+changes none of them and cannot be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config import ShiftAlarmConfig
+from stereocalib_core.results import FrameResult
+from stereocalib_core.rig.explained import MotionSeries, remove_explained
+from stereocalib_core.rig.steps import find_step
+
+Array = NDArray[np.float64]
+Axis = Literal["height", "pitch", "roll", "yaw"]
+
+NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen"
+
+_HORIZONS = ((15, 30, 60), (20, 40, 60))
+"""Frames after a shift by which it may be certain; the second for the yaw, in straight pairs."""
+_MOST_SHIFTS = 6
+_DRIFT_BLOCKS = 10
+"""Blocks of 20 frames a drive must have: the shape of a short stretch of road looks like drift."""
+
 
 @dataclass(frozen=True)
-class MotionSeries:
-    """What the car does, one entry a frame, NaN = unknown."""
+class Shift:
+    """One shift of the mount. size: [m] for height, else [rad]; sigma likewise; frame: where it began.
 
-    timestamps_s: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64]
+    detected_at: the frame by which it was certain.
+    """
+
+    frame: int
+    axis: Axis
+    size: float
+    sigma: float
+    kind: Literal["step", "drift"]
+    detected_at: int
+
+    def as_report(self) -> dict[str, object]:
+        """The entry of `shifts` in report.json: metres or degrees."""
+        height = self.axis == "height"
+        size = self.size if height else float(np.rad2deg(self.size))
+        unit = "m" if height else "deg"
+        return {"frame": self.frame, "axis": self.axis, "size": size, "unit": unit, "kind": self.kind}
+
+
+def find_shifts(
+    results: Sequence[FrameResult],
+    motion: MotionSeries | None = None,
+    pair_yaw_rad: Array | None = None,
+    config: ShiftAlarmConfig | None = None,
+) -> tuple[Shift, ...]:
+    """All shifts of a drive, in the order of their frames.
+
+    motion: what the car did, None = unknown (then only large and lasting shifts are told from the body's own
+    motion). pair_yaw_rad: (N,) yaw by single pairs on straights, NaN elsewhere (`YawEstimate.pair_yaw_rad`).
+    """
+    config = config or ShiftAlarmConfig()
+    values = np.full((len(results), 3), np.nan)
+    for i, r in enumerate(results):
+        if r.road is not None:
+            e = r.road.extrinsics
+            values[i] = e.height_m, e.pitch_rad, e.roll_rad
+    steady = np.zeros(len(results), dtype=bool)
+    if motion is not None and len(results):
+        values = remove_explained(values, motion)
+        steady = motion.steady
+    frames = np.array([r.frame for r in results], dtype=np.int64)
+    angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
+    noise = float(np.deg2rad(config.noise_angle_deg))
+    series: list[tuple[Axis, Array, float, float]] = [
+        ("height", values[:, 0], height, config.noise_height_m),
+        ("pitch", values[:, 1], angle, noise),
+        ("roll", values[:, 2], angle, noise),
+    ]
+    if pair_yaw_rad is not None:
+        series.append(("yaw", pair_yaw_rad, angle, float(np.deg2rad(config.noise_yaw_deg))))
+    shifts: list[Shift] = []
+    for axis, numbers, least, least_noise in series:
+        shifts += _axis_shifts(axis, frames, numbers, steady, least, least_noise, config)
+    return tuple(sorted(shifts, key=lambda s: (s.frame, s.axis)))
+
+
+def _axis_shifts(
+    axis: Axis,
+    frames: NDArray[np.int64],
+    series: Array,
+    steady: NDArray[np.bool_],
+    least: float,
+    noise: float,
+    config: ShiftAlarmConfig,
+) -> list[Shift]:
+    """Steps one by one, surest first, each taken out before the next is looked for; then a drift."""
+    index = np.flatnonzero(np.isfinite(series)) if axis == "yaw" else np.arange(len(series))
+    rest, frames, calm = series[index].copy(), frames[index], steady[index]
+    shifts: list[Shift] = []
+    for _ in range(_MOST_SHIFTS):
+        step = find_step(rest, calm, _HORIZONS[axis == "yaw"], least, noise, config.threshold)
+        if step is None:
+            break
+        onset, certain = int(frames[step.onset]), int(frames[step.certain])
+        shifts.append(Shift(onset, axis, step.size, step.sigma, "step", certain))
+        rest[step.onset :] -= step.size
+    drift = _drift(axis, frames, rest, least, noise, config)
+    return shifts if drift is None else [*shifts, drift]
+
+
+def _drift(
+    axis: Axis, frames: NDArray[np.int64], series: Array, least: float, noise: float, config: ShiftAlarmConfig
+) -> Shift | None:
+    """A slow change between the ends of the drive that no step explains."""
+    index = np.flatnonzero(np.isfinite(series))
+    block = 20
+    if len(index) < _DRIFT_BLOCKS * block:
+        return None
+    values = series[index]
+    count = len(values) // block
+    level = np.median(values[: count * block].reshape(count, block), axis=1)
+    t = np.arange(count) + 0.5
+    best_cost, best = np.inf, (0, 0, 0.0)
+    flat = float(np.abs(level - np.median(level)).sum())
+    for first in range(count - 2):
+        for last in range(first + 2, count + 1):
+            ramp = np.clip((t - first) / (last - first), 0.0, 1.0)
+            design = np.stack([np.ones(count), ramp], axis=1)
+            (base, size), *_ = np.linalg.lstsq(design, level, rcond=None)
+            cost = float(np.abs(level - base - size * ramp).sum())
+            if cost < best_cost:
+                best_cost, best = cost, (first, last, float(size))
+    first, last, size = best
+    ramp = np.clip((t - first) / (last - first), 0.0, 1.0)
+    residual = level - np.median(level - size * ramp) - size * ramp
+    scatter = max(1.4826 * float(np.median(np.abs(residual))), noise)
+    if abs(size) < max(config.drift_factor * least, config.threshold * scatter) or best_cost > 0.5 * flat:
+        return None
+    middle = index[min((first + last) * block // 2, len(index) - 1)]
+    return Shift(int(frames[index[first * block]]), axis, size, scatter, "drift", int(frames[middle]))

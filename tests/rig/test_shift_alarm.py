@@ -1,0 +1,126 @@
+"""Shifts of the mount against the body's own motion, and the mount itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_on_springs import DIRECT, MOUNT, PAPER, Ride, as_results, measure, ride
+
+from stereocalib_core.rig.explained import MotionSeries, remove_explained
+from stereocalib_core.rig.mount import estimate_mount
+from stereocalib_core.rig.shift_alarm import Shift, find_shifts
+
+AXES = ("height", "pitch", "roll")
+SIZES = (0.03, float(np.deg2rad(0.3)), float(np.deg2rad(0.3)))
+
+
+def shifted(drive: Ride, axis: int, size: float, at: int, over: int = 1, seed: int = 1) -> np.ndarray:
+    """Measurements of the drive with the mount moved by `size` from frame `at` on, growing over `over`."""
+    truth = drive.truth.copy()
+    truth[:, axis] += size * np.clip((np.arange(len(truth)) - at + 1) / over, 0.0, 1.0)
+    return measure(truth, DIRECT, seed)[0]
+
+
+def alarm(drive: Ride, z: np.ndarray, frames: int | None = None) -> tuple[Shift, ...]:
+    n = frames or len(z)
+    results = as_results(z[:n], np.diag(np.square(DIRECT)), drive.time_s[:n])
+    m = drive.motion
+    return find_shifts(results, MotionSeries(m.timestamps_s[:n], m.speed[:n], m.yaw_rate[:n]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("sigma", [DIRECT, PAPER])
+def test_no_alarm_without_a_shift(seed: int, sigma: tuple[float, float, float]) -> None:
+    drive = ride(600, seed)
+    z, covariance = measure(drive.truth, sigma, seed)
+    assert find_shifts(as_results(z, covariance, drive.time_s), drive.motion) == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_knock_is_found_within_fifteen_frames_of_steady_driving(axis: int, sign: float, seed: int) -> None:
+    drive = ride(300, seed, straight=True)
+    found = alarm(drive, shifted(drive, axis, sign * SIZES[axis], 240, seed=seed), 255)
+    assert [s.axis for s in found] == [AXES[axis]]
+    assert abs(found[0].frame - 240) <= 2
+    assert found[0].detected_at <= 255
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("axis", range(3))
+def test_a_knock_amid_braking_and_curves_has_its_axis_and_size(axis: int, seed: int) -> None:
+    drive = ride(600, seed)
+    found = alarm(drive, shifted(drive, axis, SIZES[axis], 300, seed=seed))
+    assert [s.axis for s in found] == [AXES[axis]]
+    assert found[0].kind == "step"
+    assert abs(found[0].frame - 300) <= 3
+    assert found[0].size == pytest.approx(SIZES[axis], rel=0.25)
+    assert found[0].as_report()["unit"] == ("m" if axis == 0 else "deg")
+
+
+def test_what_comes_and_goes_is_two_shifts() -> None:
+    drive = ride(600)
+    z = shifted(drive, 2, SIZES[2], 200) - shifted(drive, 2, 0.0, 0) + shifted(drive, 2, -SIZES[2], 400)
+    found = alarm(drive, z)
+    assert [(s.axis, np.sign(s.size)) for s in found] == [("roll", 1.0), ("roll", -1.0)]
+
+
+def test_a_drift_is_told_from_a_step() -> None:
+    drive = ride(700)
+    found = alarm(drive, shifted(drive, 1, float(np.deg2rad(0.5)), 200, over=400))
+    assert [(s.axis, s.kind) for s in found] == [("pitch", "drift")]
+    assert np.rad2deg(found[0].size) == pytest.approx(0.5, rel=0.3)
+    assert 120 <= found[0].frame <= 300
+
+
+def test_the_yaw_of_single_pairs_shows_a_turned_camera() -> None:
+    rng = np.random.default_rng(2)
+    drive = ride(400)
+    z, covariance = measure(drive.truth, DIRECT)
+    results = as_results(z, covariance, drive.time_s)
+    yaw = np.deg2rad(-0.3 + 0.12 * rng.standard_normal(400))
+    yaw[np.arange(400) % 100 > 70] = np.nan
+    assert find_shifts(results, drive.motion, yaw) == ()
+    yaw[220:] += np.deg2rad(0.3)
+    found = find_shifts(results[:281], MotionSeries(*(a[:281] for a in _arrays(drive.motion))), yaw[:281])
+    assert [s.axis for s in found] == ["yaw"]
+    assert abs(found[0].frame - 220) <= 4
+    assert np.rad2deg(found[0].size) == pytest.approx(0.3, rel=0.2)
+
+
+def _arrays(motion: MotionSeries) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return motion.timestamps_s, motion.speed, motion.yaw_rate
+
+
+def test_braking_and_cornering_are_explained() -> None:
+    drive = ride(600)
+    rest = remove_explained(drive.truth, drive.motion)
+    assert np.rad2deg(drive.truth[:, 1].std()) > 0.15
+    assert np.rad2deg(rest[:, 1].std()) < 0.11
+    assert np.rad2deg(rest[:, 2].std()) < 0.08
+
+
+def test_the_mount_is_what_the_body_swings_about() -> None:
+    drive = ride(900)
+    z, covariance = measure(drive.truth, DIRECT)
+    rig = estimate_mount(as_results(z, covariance, drive.time_s, range(50, 80)), drive.motion)
+    for k, found in enumerate((rig.height_m, rig.pitch_rad, rig.roll_rad)):
+        assert found is not None
+        assert abs(found.value - MOUNT[k]) < 3 * found.sigma
+    assert rig.pitch_rad is not None and np.rad2deg(rig.pitch_rad.sigma) < 0.03
+    assert rig.yaw_rad is None
+
+
+def test_the_mount_is_the_one_after_the_last_knock() -> None:
+    drive = ride(600)
+    z = shifted(drive, 1, float(np.deg2rad(1.0)), 300)
+    shifts = alarm(drive, z)
+    rig = estimate_mount(as_results(z, np.eye(3) * 1e-8, drive.time_s), drive.motion, shifts=shifts)
+    assert rig.pitch_rad is not None
+    assert np.rad2deg(rig.pitch_rad.value - MOUNT[1]) == pytest.approx(1.0, abs=0.06)
+
+
+def test_an_empty_drive_has_neither() -> None:
+    assert find_shifts([]) == ()
+    assert estimate_mount([]).height_m is None
