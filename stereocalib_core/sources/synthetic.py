@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core import synthetic
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import GroundTruth, StereoFrame
 from stereocalib_core.geometry import StereoCamera
@@ -17,8 +19,14 @@ from stereocalib_core.synthetic.lookahead import Lookahead
 from stereocalib_core.synthetic.settings import DriveSettings, parse_spec
 from stereocalib_core.synthetic.studio import FrameTruth, Studio
 
-RENDERER_VERSION = 1
-"""Goes up whenever the same settings give other pictures."""
+
+@cache
+def renderer_version() -> str:
+    """Changes with the code of the renderer: the digest of its own sources."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(synthetic.__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 class SyntheticSource:
@@ -72,7 +80,7 @@ class SyntheticSource:
     @cached_property
     def content_key(self) -> str:
         """Names everything that the frames depend on, the pose file's content included."""
-        text = f"{RENDERER_VERSION} {self.settings!r}"
+        text = f"{renderer_version()} {self.settings!r}"
         digest = hashlib.sha256(text.encode())
         if self.settings.path is not None:
             with open(self.settings.path, "rb") as file:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from stereocalib_core.synthetic.path import Course
+from stereocalib_core.synthetic.path import STEP_M, Course
 
 Array = NDArray[np.float64]
 
@@ -21,8 +22,11 @@ HALF_WIDTH_M = 12.8
 _KERB_WIDTH_M = 0.12
 KERB_HEIGHT_M = 0.12
 HUMP_LENGTH_M, HUMP_HEIGHT_M = 3.6, 0.06
-_CAMBER_DROP_M = 0.04
+_CAMBER_DROP_M = 0.03
 """How much lower a lane's edge is than the crown."""
+_FLAT_CURVATURE = 0.02
+"""From this curvature [1/m] on a bend has no crown at all."""
+_FIT_SPREAD_M = 12.0
 COLUMNS_M = np.array(
     [-12.8, -8.0, -5.37, -5.25, -4.3, -3.4, -2.6, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 4.0, 4.12, 6.6, 12.8]
 )
@@ -85,14 +89,27 @@ class Ground:
 
     def lane_planes(self, s_m: Array) -> tuple[Array, Array]:
         """The planes that least-squares fit the own lane ahead of s (N,): unit normals (N, 3) down, offsets (N,)."""
-        ahead = np.linspace(FIT_NEAR_M, FIT_FAR_M, 65)[None, :, None]
-        across = np.linspace(-LANE_EDGE_M, LANE_EDGE_M, 15)[None, None, :]
+        ahead = _middles(FIT_NEAR_M, FIT_FAR_M, 48)[None, :, None]
+        across = _middles(-LANE_EDGE_M, LANE_EDGE_M, 20)[None, None, :]
         points = self.surface(s_m[:, None, None] + ahead, across).reshape(len(s_m), -1, 3)
         center = points.mean(axis=1)
         rest = points - center[:, None]
         _, axes = np.linalg.eigh(np.einsum("nij,nik->njk", rest, rest))
         normals = axes[:, :, 0] * np.where(axes[:, 1:2, 0] > 0, 1.0, -1.0)
         return normals, np.sum(normals * center, axis=1)
+
+
+def _middles(low: float, high: float, count: int) -> Array:
+    """Middles of equal cells: sums over them weigh a surface evenly."""
+    return low + (high - low) * (np.arange(count) + 0.5) / count
+
+
+def _crown_share(course: Course) -> Array:
+    """How much of the crown is left at every sample of the course: bends are flat across, as roads are built."""
+    bend = np.clip(np.abs(course.curvature) / _FLAT_CURVATURE, 0.0, 1.0)
+    mode = "wrap" if course.closed else "nearest"
+    spread = maximum_filter1d(bend, round(_FIT_SPREAD_M / STEP_M), mode=mode)
+    return 1.0 - gaussian_filter1d(spread, 4.0 / STEP_M, mode=mode)
 
 
 def build_ground(
@@ -121,7 +138,8 @@ def build_ground(
         crown = np.where(off < 1.0, off**2, 2 * off - 1.0) - (CROWN_M / half) ** 2
         edge = np.maximum(t - RIGHT_KERB_M, LEFT_KERB_M - t)
         kerb = np.clip(edge / _KERB_WIDTH_M, 0.0, 1.0) * KERB_HEIGHT_M
-        height = height + camber * _CAMBER_DROP_M * np.minimum(crown, 1.5) - kerb
+        share = course.at(_crown_share(course), s_m % course.length_m if course.closed else s_m)
+        height = height + camber * share * _CAMBER_DROP_M * np.minimum(crown, 1.5) - kerb
         on_road = (t > LEFT_KERB_M - 0.01) & (t < RIGHT_KERB_M + 0.01)
         for hump in humps_s_m:
             away = np.abs((s_m - hump + course.length_m / 2) % course.length_m - course.length_m / 2)

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.geometry import Extrinsics, transform
 from stereocalib_core.synthetic.ground import AHEAD_M, BEHIND_M
 from stereocalib_core.synthetic.path import STEP_M, Course
 
 Array = NDArray[np.float64]
 
-_SMOOTH_M, _SMOOTH_HEIGHT_M, _SMOOTH_BANK_M = 2.0, 6.0, 12.0
+_SMOOTH_M, _SMOOTH_HEIGHT_M, _SMOOTH_BANK_M = 2.0, 10.0, 12.0
 
 
 def read_poses(path: str) -> Array:
@@ -38,10 +38,11 @@ def read_poses(path: str) -> Array:
 def course_from_poses(path: str, mount: Extrinsics) -> tuple[Course, Array, Array]:
     """The course under the poses, where on it each pose is (N,) [m], and the poses in the world (N, 4, 4).
 
-    In the world the first camera stands as it is mounted, over the origin.
+    In the world, down is where the cameras' mounts point on the average of the drive.
     """
     file_poses = read_poses(path)
     poses = mount.T_vehicle_camera @ (np.linalg.inv(file_poses[0]) @ file_poses)
+    poses = _leveller(poses, mount) @ poses
     positions = poses[:, :3, 3]
     keep = [0]
     for i in range(1, len(positions)):
@@ -71,6 +72,19 @@ def course_from_poses(path: str, mount: Extrinsics) -> tuple[Course, Array, Arra
         np.interp(np.arange(len(poses)), keep, way), fine, s[_margins()[0] :][: len(fine)] - behind
     )
     return course, s_frames, poses
+
+
+def _leveller(poses: Array, mount: Extrinsics) -> Array:
+    """(4, 4) smallest rotation of the world that brings the mean of the mounted cameras' down axes to y."""
+    down = (poses[:, :3, :3] @ mount.R_camera_road[:, 1]).mean(axis=0)
+    down /= np.linalg.norm(down)
+    axis = np.cross(down, [0.0, 1.0, 0.0])
+    sine, cosine = float(np.linalg.norm(axis)), float(down[1])
+    if sine < 1e-12:
+        return np.eye(4)
+    x, y, z = axis / sine
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return transform(np.eye(3) + sine * cross + (1 - cosine) * cross @ cross, np.zeros(3))
 
 
 def _margins() -> tuple[int, int]:
