@@ -37,9 +37,8 @@ def mount_rows(snapshot: Snapshot) -> list[tuple[str, str]]:
     rows.append(("yaw", yaw))
     rectification = report.get("rectification") or {}
     if rectification:
-        rows.append(
-            ("stereo pair", f"{rectification.get('verdict', '–')} {rectification.get('why', '')}".strip())
-        )
+        rows.append(("pair", str(rectification.get("verdict", "–"))))
+        rows.append(("pair, why", str(rectification.get("why", "–"))))
     within = mount.get("within_tolerance")
     if within is not None:
         rows.append(("tolerance", "within" if within else "OUTSIDE"))

@@ -56,6 +56,8 @@ def run(arguments: argparse.Namespace) -> str | None:
             config,
             rig,
             tolerances,
+            rrd=arguments.rrd,
+            rerun=arguments.rerun,
             overwrite=arguments.overwrite,
             resume=arguments.resume,
             progress=progress,

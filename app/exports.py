@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from app.session import Session, Snapshot
 from app.settings import Corrections, Settings
 from stereocalib_core import io
+from stereocalib_core.compare import compare_runs, describe
 from stereocalib_core.config import to_dict
 from stereocalib_core.errors import OutputError
 
@@ -76,6 +77,21 @@ def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
         "page": {"corrections": vars(settings.corrections)},
     }
     return (json.dumps(io.plain(content), indent=2) + "\n").encode()
+
+
+def run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder: Path) -> None:
+    """The files of a run, as far as the page has them."""
+    (folder / "report.json").write_bytes(report(session, snapshot, settings))
+    (folder / "extrinsics.csv").write_bytes(csv(session, snapshot, settings))
+    (folder / "trajectory.txt").write_bytes(kitti(session, snapshot, settings))
+
+
+def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Path) -> str:
+    """What differs between the drive on show (A) and an earlier run (B), in lines of text."""
+    with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
+        run_folder(session, snapshot, settings, Path(folder))
+        text = describe(compare_runs(Path(folder), other))
+    return text.replace(folder, session.source.name)
 
 
 def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:

@@ -12,6 +12,7 @@ from app.playback import ClockState
 from app.session import Session, Snapshot
 from app.settings import Settings
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.io import SavedRun
 from stereocalib_core.results import FrameResult
 
 
@@ -19,6 +20,7 @@ from stereocalib_core.results import FrameResult
 class Moment:
     """One frame of one drive under one set of settings.
 
+    compared: another run that is laid beside this one.
     frame_changed, drive_changed, settings_changed: what differs from the last tick of this page.
     """
 
@@ -28,6 +30,7 @@ class Moment:
     settings: Settings
     view: FrameView | None
     paths: PathState
+    compared: SavedRun | None
     frame_changed: bool
     drive_changed: bool
     settings_changed: bool

@@ -164,15 +164,16 @@ class Page:
         drive_changed = last is None or last[1] != snapshot.version
         paths = self._book.state(snapshot.paths, settings.corrections)
         moment = Moment(
-            self.session,
-            snapshot,
-            clock,
-            settings,
-            None,
-            paths,
-            frame_changed,
-            drive_changed,
-            settings_changed,
+            session=self.session,
+            snapshot=snapshot,
+            clock=clock,
+            settings=settings,
+            view=None,
+            paths=paths,
+            compared=self.compared,
+            frame_changed=frame_changed,
+            drive_changed=drive_changed,
+            settings_changed=settings_changed,
         )
         if settings_changed and not frame_changed:
             # The path follows a slider at once; the pictures come right after it.

@@ -22,6 +22,7 @@ HORIZON: Final[Rgb] = (240, 228, 66)
 GRID: Final[Rgb] = (245, 245, 245)
 LIVE: Final[Rgb] = (98, 120, 255)
 FAILED: Final[Rgb] = (213, 94, 0)
+COMPARED: Final[Rgb] = (204, 121, 167)
 NOW: Final[Rgb] = (240, 160, 0)
 
 RAW: Final[Rgb] = (86, 150, 220)

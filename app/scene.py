@@ -135,7 +135,7 @@ class Scene:
             segments, known = path_segments(positions)
             if name == "ground_truth":
                 segments, known = segments[::2], known[::2]
-            color: Any = palette.VARIANT.get(name, palette.INK_SOFT)
+            color: Any = palette.VARIANT.get(name, palette.COMPARED)
             if name in colors and len(segments):
                 color = np.stack([colors[name][known], colors[name][known + 1]], axis=1)
             if len(segments) == 0:

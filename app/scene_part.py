@@ -41,11 +41,11 @@ class ScenePart:
 
     def show_paths(self, moment: Moment) -> None:
         """Redraw the paths where they, or what is shown of them, changed."""
-        state = (moment.paths, moment.settings.paths, moment.settings.color_by_error, self._page.compared)
+        state = (moment.paths, moment.settings.paths, moment.settings.color_by_error, moment.compared)
         if len(self._shown_paths) == 4 and all(a is b for a, b in zip(state, self._shown_paths, strict=True)):
             return
         positions = {name: poses[:, :3, 3] for name, poses in moment.paths.poses.items()}
-        compared = self._page.compared
+        compared = moment.compared
         if compared is not None and compared.poses is not None:
             positions["compared"] = compared.poses[:, :3, 3]
         colors = {}

@@ -27,6 +27,9 @@ LOG = logging.getLogger(__name__)
 FIRST_ANALYSIS_S = 2.0
 """The whole drive is first analysed this long after the start, then so that it takes below a tenth."""
 ANALYSIS_SHARE = 0.1
+LONGEST_WAIT_S = 8.0
+FIRST_FRAMES = 8
+"""Fewer frames are not worth an analysis."""
 
 Analyse = Callable[[Sequence[FrameResult]], DriveAnalysis | None]
 
@@ -137,9 +140,10 @@ class Session:
                 elapsed = max(time.monotonic() - started, 1e-6)
                 rate = (len(results) - len(self._finished)) / elapsed
                 self._publish(results=tuple(results), frames_per_second=rate)
-                if time.monotonic() >= next_analysis:
+                if time.monotonic() >= next_analysis and len(results) >= FIRST_FRAMES:
                     spent = self._update_analysis(results)
-                    next_analysis = time.monotonic() + max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE)
+                    pause = min(max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE), LONGEST_WAIT_S)
+                    next_analysis = time.monotonic() + pause
             self._publish(results=tuple(results))
             self._update_analysis(results)
             self._publish(done=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING, Any
 
-from app import text
+from app import exports, text
 from app.moment import Moment
+from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.io import SavedRun
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -33,7 +36,10 @@ class OpenPanel:
         )
         self._compare = gui.add_text("Compare with", "", hint="The output folder of an earlier run.")
         self._lay = gui.add_button("Compare side by side")
+        self._difference = gui.add_html("")
         self._state = gui.add_markdown("")
+        self._compared: SavedRun | None = None
+        self._done = False
         page.on_click(self._open, lambda _: page.hub.open(page, self._path.value))
         page.on_click(self._lay, lambda _: page.hub.compare(page, self._compare.value))
 
@@ -46,3 +52,17 @@ class OpenPanel:
         if moment.drive_changed:
             notices = moment.session.source.notices
             self._state.content = "\n".join(f"- {text.escape(line)}" for line in notices[:12])
+        if moment.compared is not self._compared or (
+            moment.compared is not None and moment.snapshot.done != self._done
+        ):
+            self._compared, self._done = moment.compared, moment.snapshot.done
+            self._difference.content = (
+                "" if moment.compared is None else self._compare_html(moment, moment.compared)
+            )
+
+    def _compare_html(self, moment: Moment, other: SavedRun) -> str:
+        try:
+            lines = exports.difference(moment.session, moment.snapshot, moment.settings, other.folder)
+        except StereoCalibError as error:
+            lines = str(error)
+        return f'<pre style="font-size:0.72em;overflow-x:auto;padding:0 0.6em">{html.escape(lines)}</pre>'

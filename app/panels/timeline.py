@@ -11,6 +11,7 @@ from app.moment import Moment
 from app.panels.errors import ErrorsPanel
 from app.plots import Chart, Curve
 from app.session import Snapshot
+from stereocalib_core.io import SavedRun
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -42,8 +43,22 @@ def raw_values(snapshot: Snapshot) -> np.ndarray:
     return out
 
 
+def saved_values(run: SavedRun | None, total: int) -> np.ndarray:
+    """(total, 3) filtered height [m], pitch, roll [deg] of another run, NaN where it has none."""
+    out = np.full((total, 3), np.nan)
+    if run is not None:
+        frames = np.asarray(run.extrinsics["frame"], dtype=np.int64)
+        inside = (frames >= 0) & (frames < total)
+        for axis, name in enumerate(("height_filtered_m", "pitch_filtered_deg", "roll_filtered_deg")):
+            out[frames[inside], axis] = np.asarray(run.extrinsics[name])[inside]
+    return out
+
+
 def extrinsics_charts(
-    snapshot: Snapshot, truth: np.ndarray | None, previous: list[tuple[float, float]] | None
+    snapshot: Snapshot,
+    truth: np.ndarray | None,
+    previous: list[tuple[float, float]] | None,
+    compared: SavedRun | None = None,
 ) -> list[Chart]:
     """One chart per axis: this pair as dots, filtered with its sigma band, truth, failed spans."""
     x = np.arange(max(snapshot.total, 2), dtype=np.float64)
@@ -57,10 +72,12 @@ def extrinsics_charts(
         known = snapshot.analysis.filtered
         filtered[: len(known.state)] = axis_values(known.values)
         sigma[: len(known.state)] = axis_values(known.sigma)
+    other = saved_values(compared, len(x))
     charts = []
     for axis, name in enumerate(AXES):
+        true_values = np.zeros(0) if truth is None else axis_values(truth[:, :3])[:, axis]
         y_range = plots.fixed_range(
-            np.concatenate([raw[:, axis], filtered[:, axis]]),
+            np.concatenate([raw[:, axis], filtered[:, axis], true_values]),
             LEAST_SPAN[axis],
             None if previous is None else previous[axis],
         )
@@ -74,6 +91,7 @@ def extrinsics_charts(
             Curve("−σ", held - sigma[:, axis], palette.FILTERED, hidden=True),
             Curve("this pair", raw[:, axis], palette.RAW, dots=True),
             Curve("filtered", held, palette.FILTERED, width=2.0),
+            Curve("compared", plots.unbridged(other[:, axis], low), palette.COMPARED, dash=(6, 3)),
         ]
         if truth is not None:
             shown = np.full(len(x), np.nan)
@@ -84,7 +102,7 @@ def extrinsics_charts(
     return charts
 
 
-def legend_line(with_truth: bool) -> str:
+def legend_line(with_truth: bool, with_compared: bool = False) -> str:
     """The legend of the charts as one line of Markdown."""
 
     def mark(symbol: str, color: palette.Rgb, name: str) -> str:
@@ -96,6 +114,8 @@ def legend_line(with_truth: bool) -> str:
         mark("█", palette.FAILED, "failed"),
         mark("┃", palette.NOW, "now"),
     ]
+    if with_compared:
+        parts.insert(2, mark("┅", palette.COMPARED, "other run"))
     if with_truth:
         parts.insert(2, mark("┅", palette.TRUTH, "truth"))
     return f'<span style="font-size:0.85em">{" &nbsp; ".join(parts)}</span>'
@@ -149,6 +169,7 @@ class TimelinePanel:
         gui, clock = page.gui, page.playback
         self.panel = page.add_panel()
         self._ranges: list[tuple[float, float]] | None = None
+        self._compared: SavedRun | None = None
         self._charts: list[Chart] = []
         truth = page.session.source.ground_truth
         self._truth = None if truth is None else truth.extrinsics
@@ -210,8 +231,10 @@ class TimelinePanel:
         self._slider.value = moment.frame
         self._loop.value = moment.clock.loop
         self._pause.value = moment.clock.pause_on_failure
-        if moment.drive_changed:
-            self._charts = extrinsics_charts(moment.snapshot, self._truth, self._ranges)
+        if moment.drive_changed or moment.compared is not self._compared:
+            self._compared = moment.compared
+            self._legend.content = legend_line(self._truth is not None, moment.compared is not None)
+            self._charts = extrinsics_charts(moment.snapshot, self._truth, self._ranges, moment.compared)
             for plot, chart, old in zip(self._plots, self._charts, self._ranges or [], strict=False):
                 if chart.y_range != old:
                     plot.scales = plots.chart_options(chart, PLOT_PX, False)["scales"]
