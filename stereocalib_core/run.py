@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stereocalib_core import __version__, io
 from stereocalib_core import config as settings
@@ -44,6 +47,21 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(f"after {done} of {total} frames; --resume goes on from there")
 
 
+class Observer(Protocol):
+    """Whoever wants to see a run while it happens. Changes nothing in it."""
+
+    def frame(self, frame: StereoFrame, result: FrameResult) -> None:
+        """A frame is done."""
+
+    def drive(
+        self, results: Sequence[FrameResult], analysis: DriveAnalysis, truth: NDArray[np.float64] | None
+    ) -> None:
+        """The whole drive is analysed."""
+
+    def close(self, keep: bool) -> None:
+        """Nothing more will come; `keep` is False when the run failed."""
+
+
 @dataclass(frozen=True)
 class Job:
     """One drive to be run, checked and ready."""
@@ -56,6 +74,8 @@ class Job:
     stop: int
     rig: Rig | None
     tolerances: dict[str, Tolerance]
+    record: bool = False
+    show: bool = False
 
     def header(self) -> dict[str, Any]:
         """What must be equal for a stopped run to go on."""
@@ -76,6 +96,8 @@ def run_drive(
     rig: Rig | None = None,
     tolerances: dict[str, Tolerance] | None = None,
     *,
+    rrd: bool = False,
+    rerun: bool = False,
     overwrite: bool = False,
     resume: bool = False,
     progress: Progress | None = None,
@@ -83,13 +105,14 @@ def run_drive(
     """Process SOURCE `spec` into `out` and return the report.
 
     frames: zero-based, half open; None = from the first, to the last.
+    rrd: write recording.rrd too; rerun: show the run in the Rerun viewer.
     resume: go on after the last frame that a stopped or killed run finished in `out`.
     Raises StereoCalibError with nothing left in `out`, Interrupted with valid files there.
     """
     folder = OutputFolder(out, FILES, overwrite, resume)
     source = open_source(spec)
     start, stop = frame_range(frames, len(source))
-    job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {})
+    job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
     resume = resume and not overwrite
     if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
         return _finished(job)
@@ -131,30 +154,59 @@ def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int,
 
 def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | None) -> dict[str, Any]:
     done = list(earlier)
+    for stale in job.out.glob(".*.tmp"):
+        stale.unlink(missing_ok=True)
     checkpoint = Checkpoint(job.out / CHECKPOINT, job.header(), keep)
+    observers = _observers(job)
+    whole = False
     began = time.perf_counter()
     try:
-        for finished in _front_end(job, earlier):
+        for finished in earlier if observers else ():
+            _show(observers, job.source[finished.result.frame], finished.result)
+        for frame, finished in _front_end(job, earlier):
             done.append(checkpoint.append(finished))
+            _show(observers, frame, done[-1].result)
             if progress:
                 progress(len(done), job.stop - job.start, "frames")
         elapsed_s = time.perf_counter() - began + 1e-3 * sum(d.total_ms for d in earlier)
         if progress:
             progress(len(done), job.stop - job.start, "analysing the drive")
-        analysis = _analyse([d.result for d in done], job)
+        results = [d.result for d in done]
+        truth = cut_truth(job.source.ground_truth, job.start, job.start + len(done))
+        analysis = _analyse(results, job, truth)
+        for observer in observers:
+            observer.drive(results, analysis, None if truth is None else truth.poses)
+        whole = True
     except KeyboardInterrupt:
         if not done:
             raise
+        whole = True
         _write(job, done, None, 1e-3 * sum(d.total_ms for d in done))
         raise Interrupted(len(done), job.stop - job.start) from None
     finally:
         checkpoint.close()
+        for observer in observers:
+            observer.close(whole)
     report = _write(job, done, analysis, elapsed_s)
     (job.out / CHECKPOINT).unlink(missing_ok=True)
     return report
 
 
-def _front_end(job: Job, earlier: list[Done]) -> Iterator[Done]:
+def _observers(job: Job) -> list[Observer]:
+    if not (job.record or job.show):
+        return []
+    from stereocalib_core.recording import Recorder
+
+    paths = [job.out / "recording.rrd"] * job.record + [None] * job.show
+    return [Recorder(job.source.camera, job.config.disparity, job.source.name, path) for path in paths]
+
+
+def _show(observers: list[Observer], frame: StereoFrame, result: FrameResult) -> None:
+    for observer in observers:
+        observer.frame(frame, result)
+
+
+def _front_end(job: Job, earlier: list[Done]) -> Iterator[tuple[StereoFrame, Done]]:
     """The frames that are still to be done, one by one."""
     from stereocalib_core.pipeline import FrontEnd
 
@@ -165,7 +217,7 @@ def _front_end(job: Job, earlier: list[Done]) -> Iterator[Done]:
     for frame in prefetch(job.source, job.start + len(earlier), job.stop):
         result = front_end.step(frame)
         now = time.perf_counter()
-        yield Done(result, front_end.memory, 1e3 * (now - before))
+        yield frame, Done(result, front_end.memory, 1e3 * (now - before))
         before = time.perf_counter()
 
 
@@ -184,10 +236,9 @@ def recall(front_end: Any, source: FrameSource, earlier: list[Done]) -> None:
     front_end.recall(again, before[-1].extrinsics if before else None, memory)
 
 
-def _analyse(results: list[FrameResult], job: Job) -> DriveAnalysis:
+def _analyse(results: list[FrameResult], job: Job, truth: GroundTruth | None) -> DriveAnalysis:
     from stereocalib_core.drive import analyse
 
-    truth = cut_truth(job.source.ground_truth, job.start, job.stop)
     return analyse(results, job.source.camera, job.config, truth, job.rig)
 
 
