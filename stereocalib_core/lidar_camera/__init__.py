@@ -11,6 +11,7 @@ from stereocalib_core.lidar_camera.calibration import Calibration, HeldOut, Pair
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.detect import Detection, detect
 from stereocalib_core.lidar_camera.folder import BoardFolder, open_folder
+from stereocalib_core.lidar_camera.lidar_road import warm_up as _warm_up_road
 from stereocalib_core.lidar_camera.observability import Observability
 from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.lidar_camera.outline import overlaps
@@ -26,6 +27,7 @@ __all__ = [
 
 
 def warm_up() -> None:
-    """Compile what is compiled: the outline search and the unpacker of compressed PCD files."""
+    """Compile what is compiled: the outline search, the unpacker of compressed PCD files, the lane of a scan."""
     lzf_decompress(np.array([0, 7], dtype=np.uint8), 1)
     overlaps(np.zeros((1, 2)), np.ones(1, dtype=bool), np.ones(2), 0.0, np.zeros(1), np.zeros((1, 2)))
+    _warm_up_road()

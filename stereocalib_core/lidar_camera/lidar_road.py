@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Array, Extrinsics, Plane, invert_transform
+from stereocalib_core.lidar_camera import lane_kernels as kernels
 from stereocalib_core.results import FrameResult, RoadResidual
 
 _TO_EXTRINSICS = np.diag([1.0, -1.0, 1.0])
@@ -85,88 +86,75 @@ def lane_points(
     What a misplaced LiDAR could still show as road is kept: `max_offset_m` and `max_tilt_deg` off the stereo road.
     """
     T = invert_transform(stereo.T_camera_road) @ T_camera_lidar
-    rotation, shift = T[:3, :3].astype(np.float32), T[:3, 3].astype(np.float32)
-    xyz = scan[:, :3]
-    z = xyz @ rotation[2] + shift[2]
-    # An azimuth that the lane does not reach is the cheapest thing to rule out in a scan of 120,000 points.
-    ahead = xyz[(z > near_m) & (z < far_m)]
-    road = ahead @ rotation.T + shift
-    reach = config.max_offset_m + np.tan(np.deg2rad(config.max_tilt_deg)) * road[:, 2]
-    inside = (np.abs(road[:, 0]) < config.lane_half_width_m) & (np.abs(road[:, 1]) < reach)
-    return road[inside].astype(np.float64)
+    slope = float(np.tan(np.deg2rad(config.max_tilt_deg)))
+    lane = (near_m, far_m, config.lane_half_width_m)
+    return kernels.gather(np.ascontiguousarray(scan), T, *lane, config.max_offset_m, slope)
 
 
 def fit_lane(points: Array, config: RoadCheckConfig) -> LanePlane | None:
     """(N, 3) X, Y, Z [m] over the lane to its plane; None where it is too thinly seen or mostly no plane."""
     if len(points) < config.min_points:
         return None
-    x, y, z = points.T
-    J = np.column_stack([np.ones(len(points)), z, x])
-    area = (x**2 + z**2) ** 1.5
-    weights = area / (1.0 + (z / config.even_m) ** 5)
+    points = kernels.without_obstacles(points, config.obstacle_cell_m, config.obstacle_height_m)
+    if len(points) < config.min_points:
+        return None
+    x, z = points[:, 0], points[:, 2]
+    weights = (x**2 + z**2) ** 1.5 / (1.0 + (z / config.even_m) ** 5)
     weights /= weights.sum()
-    start = _vote(J, y, weights, config)
+    start = _vote(points, weights, config)
     if start is None:
         return None
-    coefficients, robust = _refine(J, y, weights, start, config)
-    residual = y - J @ coefficients
-    near_plane = np.abs(residual) < config.agree_height_m
-    agreement = float(weights[near_plane].sum())
-    covariance = _covariance(J, residual, weights * robust, x, z, config)
+    try:
+        coefficients, robust = _refine(points, weights, start, config)
+        residual = kernels.residuals(points, coefficients)
+        covariance = _covariance(points, residual, weights * robust, config)
+    except np.linalg.LinAlgError:
+        return None
+    agreement = float(weights[np.abs(residual) < config.agree_height_m].sum())
     if agreement < config.min_agreement or covariance is None:
         return None
     return LanePlane(coefficients, covariance, int(np.count_nonzero(robust)), agreement)
 
 
-def _vote(J: Array, y: Array, weights: Array, config: RoadCheckConfig) -> Array | None:
+def _vote(points: Array, weights: Array, config: RoadCheckConfig) -> Array | None:
     """(3,) plane on which most of the lane's area lies, of planes through three points each; seeded."""
-    rng = np.random.default_rng(len(y))
-    few = rng.choice(len(y), min(len(y), config.vote_points), p=weights)
-    corners = rng.choice(few, (config.vote_trials, 3))
-    matrices = J[corners]
+    rng = np.random.default_rng(len(points))
+    few = points[rng.choice(len(points), min(len(points), config.vote_points), p=weights)]
+    corners = few[rng.integers(0, len(few), (config.vote_trials, 3))]
+    matrices = np.stack([np.ones(corners.shape[:2]), corners[..., 2], corners[..., 0]], axis=-1)
     wide = np.abs(np.linalg.det(matrices)) > 0.5
     if not wide.any():
         return None
-    planes = np.linalg.solve(matrices[wide], y[corners[wide], None])[..., 0]
+    planes = np.linalg.solve(matrices[wide], corners[wide][..., 1, None])[..., 0]
     steepest = np.tan(np.deg2rad(config.max_tilt_deg))
     level = (np.abs(planes[:, 0]) < config.max_offset_m) & (np.abs(planes[:, 1:]) < steepest).all(axis=1)
     if not level.any():
         return None
-    planes = planes[level]
-    counts = np.count_nonzero(np.abs(y[few] - planes @ J[few].T) < config.agree_height_m, axis=1)
-    return np.asarray(planes[int(np.argmax(counts))])
+    planes = np.ascontiguousarray(planes[level])
+    return np.asarray(planes[int(np.argmax(kernels.votes(few, planes, config.agree_height_m)))])
 
 
-def _refine(J: Array, y: Array, weights: Array, start: Array, config: RoadCheckConfig) -> tuple[Array, Array]:
+def _refine(points: Array, weights: Array, start: Array, config: RoadCheckConfig) -> tuple[Array, Array]:
     """(3,) robust least squares from `start`, and the (N,) Tukey weights it ends with."""
-    coefficients = start
-    robust = np.ones(len(y))
+    coefficients: Array = start
+    robust = weights
     for _ in range(config.rounds):
-        residual = y - J @ coefficients
-        on_plane = np.abs(residual) < config.agree_height_m
-        spread = 1.4826 * float(np.median(np.abs(residual[on_plane]))) if on_plane.any() else 0.0
-        limit = config.tukey * max(spread, config.min_spread_m)
-        robust = np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
-        w = weights * robust
-        try:
-            coefficients = np.linalg.solve((J * w[:, None]).T @ J, (J * w[:, None]).T @ y)
-        except np.linalg.LinAlgError:
-            return coefficients, np.zeros(len(y))
+        residual = kernels.residuals(points, coefficients)
+        near = np.abs(residual)
+        near = near[near < config.agree_height_m]
+        spread = 1.4826 * float(np.median(near)) if len(near) else 0.0
+        robust = kernels.reweigh(residual, config.tukey * max(spread, config.min_spread_m))
+        coefficients = np.asarray(np.linalg.solve(*kernels.normal_equations(points, weights * robust)))
     return coefficients, robust
 
 
-def _covariance(
-    J: Array, residual: Array, w: Array, x: Array, z: Array, config: RoadCheckConfig
-) -> Array | None:
+def _covariance(points: Array, residual: Array, weights: Array, config: RoadCheckConfig) -> Array | None:
     """(3, 3) from the residuals found, those of one cell of the road taken to rise and fall together."""
-    cell = np.floor(z / config.cell_m).astype(np.int64) * 1000 + np.floor(x / config.cell_m).astype(np.int64)
-    cells, inverse = np.unique(cell[w > 0], return_inverse=True)
-    if len(cells) < config.min_cells:
+    scores, cells = kernels.clustered_scores(points, weights * residual, config.cell_m)
+    if cells < config.min_cells:
         return None
-    scores = J[w > 0] * (w * residual)[w > 0, None]
-    sums = np.stack([np.bincount(inverse, scores[:, k]) for k in range(3)], axis=1)
-    H_inv = np.linalg.inv((J * w[:, None]).T @ J)
-    return np.asarray(H_inv @ (sums.T @ sums) @ H_inv * len(cells) / (len(cells) - 3.0))
+    H_inv = np.linalg.inv(kernels.normal_equations(points, weights)[0])
+    return np.asarray(H_inv @ scores @ H_inv * cells / (cells - 3.0))
 
 
 def _extrinsics(coefficients: Array, stereo: Extrinsics) -> Extrinsics:
@@ -176,3 +164,11 @@ def _extrinsics(coefficients: Array, stereo: Extrinsics) -> Extrinsics:
     T = stereo.T_camera_road
     normal = T[:3, :3] @ (np.array([-c, 1.0, -b]) / length)
     return Extrinsics.from_plane(Plane(normal, a / length + float(normal @ T[:3, 3])))
+
+
+def warm_up() -> None:
+    """Compile the loops by a small made-up lane."""
+    z, x = (grid.ravel() for grid in np.meshgrid(np.linspace(5.0, 19.0, 30), np.linspace(-1.5, 1.5, 10)))
+    scan = np.stack([x, np.zeros_like(x), z, np.zeros_like(x)], axis=1).astype(np.float32)
+    config = RoadCheckConfig()
+    fit_lane(lane_points(scan, np.eye(4), Extrinsics(0.0, 0.0, 0.0), 4.0, 20.0, config), config)

@@ -177,28 +177,44 @@ def _surest_step(
     values: Array, sigma: Array, least: float, config: RoadCheckConfig
 ) -> tuple[int, int, float, float] | None:
     """The step that stands out most, by the medians of the windows before and after each frame."""
-    best, best_score = None, config.step_sigmas
-    for onset in range(config.min_frames, len(values) - config.settled + 1):
-        before = slice(max(onset - config.window, 0), onset)
-        for length in (config.settled, config.window):
-            after = slice(onset, onset + length)
-            if onset + length > len(values):
-                break
-            (low, low_spread), (high, high_spread) = _robust(values[before]), _robust(values[after])
-            spread = max(
-                float(np.hypot(low_spread, high_spread)) / np.sqrt(2), float(np.median(sigma[before]))
-            )
-            deviation = float(
-                np.hypot(
-                    _mean_sigma(spread, onset - max(onset - config.window, 0), config),
-                    _mean_sigma(spread, length, config),
-                )
-            )
-            size = float(high - low)
+    best, best_score, best_length = None, config.step_sigmas, config.window
+    for length in (config.settled, config.window):
+        for onset in range(config.min_frames, len(values) - length + 1):
+            size, deviation = _jump(values, sigma, onset, length, config)
             score = abs(size) / deviation
-            if abs(size) > least and score > best_score:
-                best, best_score = (onset, onset + length - 1, size, deviation), score
-    return best
+            # A longer wait is only for what the shorter one does not show.
+            if abs(size) > least and score > best_score and length <= best_length:
+                best, best_score, best_length = onset, score, length
+    if best is None:
+        return None
+    onset = _onset(values, best, best_length, config)
+    size, deviation = _jump(values, sigma, onset, best_length, config)
+    return onset, onset + best_length - 1, size, deviation
+
+
+def _jump(
+    values: Array, sigma: Array, onset: int, length: int, config: RoadCheckConfig
+) -> tuple[float, float]:
+    """Size and sigma of a step at `onset` by `length` values after it and up to `window` before it."""
+    before = slice(max(onset - config.window, 0), onset)
+    low, low_spread = _robust(values[before])
+    high, high_spread = _robust(values[onset : onset + length])
+    spread = max(float(np.hypot(low_spread, high_spread)) / np.sqrt(2), float(np.median(sigma[before])))
+    count = before.stop - before.start
+    deviation = np.hypot(_mean_sigma(spread, count, config), _mean_sigma(spread, length, config))
+    return float(high - low), float(deviation)
+
+
+def _onset(values: Array, near: int, length: int, config: RoadCheckConfig) -> int:
+    """The first value after the step: where two levels leave the least absolute deviation."""
+    start, stop = max(near - config.window, 0), near + length
+    low, high = np.median(values[start:near]), np.median(values[near:stop])
+    gain = np.abs(values[start:stop] - high) - np.abs(values[start:stop] - low)
+    # Everything before the onset belongs to `low`, all else to `high`: the cost of each cut, up to a constant.
+    cost = -np.concatenate([[0.0], np.cumsum(gain)])
+    first = max(config.min_frames - start, 1)
+    last = min(len(cost) - 1, len(values) - length - start)
+    return start + first + int(np.argmin(cost[first : last + 1]))
 
 
 def _offset(

@@ -1,0 +1,120 @@
+"""The loops of `lidar_road`, compiled: one pass over a scan, one over its lane points per round."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def gather(
+    scan: NDArray[np.float32],
+    T: Array,
+    near: float,
+    far: float,
+    half_lane: float,
+    offset: float,
+    slope: float,
+) -> Array:
+    """(N, 4) points through (4, 4) T; those over the lane and within offset + slope Z of Y = 0, as (M, 3)."""
+    found = np.empty((len(scan), 3))
+    count = 0
+    for i in range(len(scan)):
+        x, y, z = float(scan[i, 0]), float(scan[i, 1]), float(scan[i, 2])
+        ahead = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if not near < ahead < far:
+            continue
+        side = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        if abs(side) < half_lane and abs(down) < offset + slope * ahead:
+            found[count, 0], found[count, 1], found[count, 2] = side, down, ahead
+            count += 1
+    return found[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def without_obstacles(points: Array, cell: float, height: float) -> Array:
+    """(M, 3) lane points without those of square cells in which they reach over more than `height`."""
+    x_low, z_low = points[:, 0].min(), points[:, 2].min()
+    columns = int((points[:, 0].max() - x_low) / cell) + 1
+    rows = int((points[:, 2].max() - z_low) / cell) + 1
+    low, high = np.full(rows * columns, np.inf), np.full(rows * columns, -np.inf)
+    cells = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        k = int((points[i, 2] - z_low) / cell) * columns + int((points[i, 0] - x_low) / cell)
+        cells[i] = k
+        low[k], high[k] = min(low[k], points[i, 1]), max(high[k], points[i, 1])
+    return points[(high - low)[cells] <= height]
+
+
+@njit(cache=True, nogil=True)
+def votes(points: Array, planes: Array, tolerance: float) -> NDArray[np.int64]:
+    """How many of (M, 3) points lie within `tolerance` of each of (P, 3) planes Y = a + b Z + c X."""
+    counts = np.zeros(len(planes), np.int64)
+    for p in range(len(planes)):
+        a, b, c = planes[p]
+        for i in range(len(points)):
+            if abs(points[i, 1] - a - b * points[i, 2] - c * points[i, 0]) < tolerance:
+                counts[p] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def reweigh(residual: Array, limit: float) -> Array:
+    """(M,) Tukey weights 0...1."""
+    result = np.empty(len(residual))
+    for i in range(len(residual)):
+        result[i] = max(1.0 - (residual[i] / limit) ** 2, 0.0) ** 2
+    return result
+
+
+@njit(cache=True, nogil=True)
+def residuals(points: Array, plane: Array) -> Array:
+    """(M,) Y - a - b Z - c X."""
+    result = np.empty(len(points))
+    for i in range(len(points)):
+        result[i] = points[i, 1] - plane[0] - plane[1] * points[i, 2] - plane[2] * points[i, 0]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def normal_equations(points: Array, weights: Array) -> tuple[Array, Array]:
+    """(3, 3) and (3,) of the weighted least squares for a, b, c."""
+    H, g = np.zeros((3, 3)), np.zeros(3)
+    row = np.ones(3)
+    for i in range(len(points)):
+        row[1], row[2] = points[i, 2], points[i, 0]
+        for k in range(3):
+            g[k] += weights[i] * row[k] * points[i, 1]
+            for m in range(3):
+                H[k, m] += weights[i] * row[k] * row[m]
+    return H, g
+
+
+@njit(cache=True, nogil=True)
+def clustered_scores(points: Array, weighted: Array, cell: float) -> tuple[Array, int]:
+    """(3, 3) sum over square cells of the outer product of the cell's score, and how many cells there are.
+
+    weighted: (M,) weight times residual; points of weight 0 have none and make no cell.
+    """
+    x_low, z_low = points[:, 0].min(), points[:, 2].min()
+    columns = int((points[:, 0].max() - x_low) / cell) + 1
+    rows = int((points[:, 2].max() - z_low) / cell) + 1
+    scores = np.zeros((rows * columns, 3))
+    for i in range(len(points)):
+        k = int((points[i, 2] - z_low) / cell) * columns + int((points[i, 0] - x_low) / cell)
+        scores[k, 0] += weighted[i]
+        scores[k, 1] += weighted[i] * points[i, 2]
+        scores[k, 2] += weighted[i] * points[i, 0]
+    total, count = np.zeros((3, 3)), 0
+    for k in range(len(scores)):
+        if scores[k, 0] == 0.0 and scores[k, 1] == 0.0:
+            continue
+        count += 1
+        for p in range(3):
+            for q in range(3):
+                total[p, q] += scores[k, p] * scores[k, q]
+    return total, count
