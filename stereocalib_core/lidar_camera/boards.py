@@ -11,6 +11,7 @@ from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.lidar_camera.rotations import apply_twist, skew
 
+CLEARLY_WORSE = 4.0
 SEARCH_WIDTH_PX = 1100
 """Pictures are searched at about this width first: ten times quicker, and less misled by blur."""
 
@@ -127,15 +128,17 @@ def board_pose(camera: BoardCamera, corners: Array, board: BoardSpec) -> tuple[A
         return None
     model = board.corners_board
     try:
-        count, rotations, translations, _ = cv2.solvePnPGeneric(
+        count, rotations, translations, misses = cv2.solvePnPGeneric(
             model, normalised.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
         )
     except cv2.error:
         return None
     best: tuple[Array, Array, float] | None = None
-    for rvec, tvec in zip(rotations[:count], translations[:count], strict=True):
+    for i, (rvec, tvec) in enumerate(zip(rotations[:count], translations[:count], strict=True)):
         if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             continue
+        if best is not None and float(np.ravel(misses)[i]) > CLEARLY_WORSE * float(np.ravel(misses)[0]):
+            break
         start = transform(np.asarray(cv2.Rodrigues(rvec)[0]), np.asarray(tvec).reshape(3))
         polished = polish_pose(camera, corners, model, start)
         if polished is not None and (best is None or polished[2] < best[2]):
@@ -165,7 +168,7 @@ def polish_pose(
         else:
             break
         T, residual, settled, cost = candidate, moved, cost - moved_cost, moved_cost
-        if float(np.abs(step).max()) < 1e-13 or settled <= 1e-14 * cost:
+        if float(np.abs(step).max()) < 1e-13 or settled <= 1e-12 * cost:
             break
     J = residual[1]
     information = J.T @ J

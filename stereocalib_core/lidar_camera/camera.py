@@ -58,7 +58,10 @@ class BoardCamera:
 
     def project(self, points_camera: Array) -> Array:
         """(..., 3) points in the camera frame [m] to (..., 2) [px]; NaN behind the camera (z <= 0)."""
-        return self.project_with_jacobian(points_camera)[0]
+        p = np.asarray(points_camera, dtype=np.float64)
+        z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
+        xy, _ = self._distort(p[..., 0] / z, p[..., 1] / z)
+        return xy @ self.K[:2, :2].T + self.K[:2, 2]
 
     def project_with_jacobian(self, points_camera: Array) -> tuple[Array, Array]:
         """(..., 3) points [m] to (..., 2) pixels and their (..., 2, 3) derivatives [px/m]."""
@@ -76,6 +79,8 @@ class BoardCamera:
     def _distort(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Normalised coordinates to distorted ones (..., 2) and their (..., 2, 2) derivatives."""
         k = self._coefficients
+        if self.model == "pinhole" and not k.any():
+            return np.stack([x, y], axis=-1), np.broadcast_to(np.eye(2), (*x.shape, 2, 2))
         r2 = x * x + y * y
         if self.model == "fisheye":
             g, dg = _fisheye_gain(r2, k)

@@ -220,14 +220,14 @@ def _extract(each: _Loaded, T_camera_lidar: Array, board: BoardSpec, tolerance_m
     expected = invert_transform(T_camera_lidar) @ observation.T_camera_board
     measured = board_at(each.points, expected, board, tolerance_m)
     if isinstance(measured, str):
-        return _refused(observation, measured)
+        return _refused(observation, f"no board in the cloud where the picture has it: {measured}")
     return replace(observation, points_lidar=measured[0], lidar_plane=measured[1])
 
 
 def _lone_candidate(
     pair: int, chosen: int, posed: list[_Loaded], found: list[list[BoardCandidate]], T_camera_lidar: Array
 ) -> BoardCandidate | None:
-    """The likeliest board of a cloud that does not fit its picture: one that fits another picture, or moves."""
+    """The board of a cloud that does not fit its own picture, when it fits another one: clouds were mixed up."""
     candidates = [c for c in found[pair] if c.outline.score >= LEAST_LONE_SCORE]
     if chosen >= 0:
         return found[pair][chosen]
@@ -237,14 +237,7 @@ def _lone_candidate(
         turned = T_camera_lidar[:3, :3] @ candidate.plane.normal
         if any(np.linalg.norm(p.center - seen) < 0.15 and turned @ p.plane.normal > 0.98 for p in places):
             return candidate
-    others = [c.outline.center for i, each in enumerate(found) if i != pair for c in each]
-    moving = [c for c in candidates if _count_near(c.outline.center, others, 0.1) < max(2, len(found) // 4)]
-    return moving[0] if moving else None
-
-
-def _count_near(place: Array, others: list[Array], distance_m: float) -> int:
-    gaps: NDArray[np.float64] = np.linalg.norm(np.array(others).reshape(-1, 3) - place, axis=1)
-    return int((gaps < distance_m).sum())
+    return None
 
 
 def _measure_candidate(each: _Loaded, candidate: BoardCandidate, board: BoardSpec) -> PairObservation:

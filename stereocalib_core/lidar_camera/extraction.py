@@ -34,8 +34,11 @@ def board_at(
     near = points[rays.index[rays.on & rays_inside(rays, board, edge)]]
     if len(near) < LEAST_POINTS:
         return f"only {len(near)} cloud points where the board should be"
+    loose = near
     near = near[ransac_plane(near, tolerance_m)]
     plane, _ = plane_through(near)
+    tolerance_m = _own_tolerance(loose, plane, tolerance_m)
+    plane, _ = plane_through(loose[np.abs(plane.signed_distance(loose)) < tolerance_m])
     if angle_between(plane.normal, expected.normal) > turn_rad:
         return "what stands where the board should be faces another way"
     middle = center - plane.normal * plane.signed_distance(center)
@@ -53,6 +56,13 @@ def board_at(
     chosen = points[rays.index[hits]]
     outline = fit_outline(points, plane, middle, board, tolerance_m)
     return chosen, fit_plane(chosen, center=outline.center)
+
+
+def _own_tolerance(points: Array, plane: Plane, tolerance_m: float) -> float:
+    """Four sigmas of the board's own scatter, so that its noise is not cut off; strays keep to the median's side."""
+    distance = np.abs(plane.signed_distance(points))
+    sigma = 1.4826 * float(np.median(distance[distance < 3.0 * tolerance_m]))
+    return float(np.clip(4.0 * sigma, 0.5 * tolerance_m, min(3.0 * tolerance_m, LOOSE_TOLERANCE_M)))
 
 
 def _facing(normal: Array, center: Array) -> Plane:

@@ -17,10 +17,11 @@ from stereocalib_core.geometry import Array
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.planes import MIXED_FLOOR
 from stereocalib_core.lidar_camera.rotations import apply_twist, skew
-from stereocalib_core.lidar_camera.solve import pseudo_inverse
+from stereocalib_core.lidar_camera.solve import covariance_of, pseudo_inverse
 
 HUBER = 2.5
 MOST_ITERATIONS = 40
+ROUNDING = 1e-9
 SETTLED = 1e-8
 """Relative gain below which the iteration ends."""
 
@@ -102,7 +103,7 @@ def refine(
         for _ in range(12):
             candidate = _step(system, state, damping, fixed)
             candidate_cost, candidate_rms = _cost(problem, candidate)
-            if np.isfinite(candidate_cost) and candidate_cost <= cost:
+            if np.isfinite(candidate_cost) and candidate_cost <= cost * (1.0 + ROUNDING):
                 moved, moved_cost, moved_rms = candidate, candidate_cost, candidate_rms
                 damping = max(damping / 10, 1e-15)
                 break
@@ -115,7 +116,7 @@ def refine(
             break
     system = _linearise(problem, state, with_intrinsics)
     reduced = system.H_gg - np.einsum("mgb,mbc,mhc->gh", system.H_gb, np.linalg.inv(system.H_bb), system.H_gb)
-    covariance = pseudo_inverse(reduced)
+    covariance = covariance_of(reduced)
     sigma = np.sqrt(np.maximum(np.diag(covariance)[6:], 0.0)) if with_intrinsics else None
     return Refined(state, covariance[:6, :6], sigma, tuple(history))
 

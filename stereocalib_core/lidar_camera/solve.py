@@ -143,6 +143,16 @@ def pseudo_inverse(H: Array) -> Array:
     )
 
 
+def covariance_of(H: Array) -> Array:
+    """(n, n) information to covariance; a direction that carries none gets the variance 1 (rad^2, m^2): unknown."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
+    values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
+    seen = values > 1e-10 * max(float(values[-1]), 1e-300)
+    known = vectors[:, seen] * scale[:, None]
+    lost = np.linalg.qr(vectors[:, ~seen] / scale[:, None])[0]
+    return np.asarray((known / values[seen]) @ known.T + lost @ lost.T)
+
+
 def in_plane_offset(pairs: PlanePairs, T_camera_lidar: Array) -> Array:
     """(M,) how far the board's centre in the cloud lies beside the one in the picture, along the board [m]."""
     R, t = T_camera_lidar[..., :3, :3], T_camera_lidar[..., :3, 3]

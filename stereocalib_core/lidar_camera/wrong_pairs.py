@@ -8,6 +8,7 @@ from stereocalib_core.geometry import Array
 from stereocalib_core.lidar_camera.rotations import apply_twist
 from stereocalib_core.lidar_camera.solve import (
     PlanePairs,
+    covariance_of,
     in_plane_offset,
     mismatch,
     mismatch_covariance,
@@ -36,8 +37,9 @@ def leave_one_out(pairs: PlanePairs, T_camera_lidar: Array) -> tuple[Array, Arra
     g_each = np.einsum("mka,ma->mk", JW, z)
     H_rest = H_each.sum(axis=0) - H_each
     g_rest = g_each.sum(axis=0) - g_each
-    covariance = np.array([pseudo_inverse(H) for H in H_rest])
-    return apply_twist(-np.einsum("mab,mb->ma", covariance, g_rest), T_camera_lidar[None]), covariance
+    covariance = np.array([covariance_of(H) for H in H_rest])
+    steps = -np.array([pseudo_inverse(H) @ g for H, g in zip(H_rest, g_rest, strict=True)])
+    return apply_twist(steps, T_camera_lidar[None]), covariance
 
 
 def wrong_pairs(pairs: PlanePairs, T_camera_lidar: Array, short_side_m: float) -> dict[int, str]:
