@@ -22,7 +22,10 @@ from stereocalib_core.lidar_camera.road_check import LidarCheck, check
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.rig.explained import MotionSeries
+from stereocalib_core.rig.mount import estimate_mount
 from stereocalib_core.rig.rectification import RectificationReport, summarise
+from stereocalib_core.rig.shift_alarm import Shift, find_shifts
 from stereocalib_core.rig.smoothing import filter_drive
 from stereocalib_core.rig.yaw import YawEstimate, estimate_yaw
 
@@ -46,6 +49,7 @@ class Drive(DriveAnalysis):
     paths: Mapping[str, Trajectory] = dataclasses.field(default_factory=dict)
     errors: Mapping[str, OdometryErrors] = dataclasses.field(default_factory=dict)
     lidar: LidarCheck | None = None
+    shifts: tuple[Shift, ...] = ()
 
 
 def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
@@ -84,7 +88,11 @@ def analyse(
     errors = {name: evaluate(path.poses, truth, reliable) for name, path in paths.items()}
     rectification = summarise(camera, results, config.rectification)
     lidar = check(results, config.road_check)
-    mount = _mount(filtered, yaw_measured, lever)
+    best = paths["autocalibrated"]
+    times = np.array([r.timestamp_s for r in results], dtype=np.float64)
+    motion = MotionSeries.from_path(times, best.planar, best.measured, tracks.previous)
+    shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
+    mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
     report = {
         "mount": _mount_block(mount),
         "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
@@ -92,13 +100,13 @@ def analyse(
         "yaw_reason": yaw.reason,
         "rectification": rectification.as_report(),
         "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
-        "gaps": [list(gap) for gap in paths["autocalibrated"].gaps],
-        "shifts": [],
+        "gaps": [list(gap) for gap in best.gaps],
+        "shifts": [shift.as_report() for shift in shifts],
         "lidar_check": None if lidar is None else lidar.as_report(),
     }
     return Drive(
-        report, filtered, paths["autocalibrated"].poses, mount,
-        tracks, extrinsics, yaw, rectification, paths, errors, lidar,
+        report, filtered, best.poses, mount,
+        tracks, extrinsics, yaw, rectification, paths, errors, lidar, shifts,
     )  # fmt: skip
 
 
@@ -109,20 +117,6 @@ def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
     if estimate.value_rad is None or estimate.sigma_rad is None:
         return None
     return Measured(estimate.value_rad, estimate.sigma_rad)
-
-
-def _mount(filtered: FilteredExtrinsics, yaw: Measured | None, lever: Measured) -> Rig:
-    """Medians over the measured frames; sigma from blocks of a second, which body motion does not survive."""
-    use = np.array([state == "updated" for state in filtered.state], dtype=bool)
-    values = filtered.values[use]
-    if len(values) == 0:
-        return Rig(yaw_rad=yaw, lever_arm_m=lever)
-    axes = []
-    for axis in range(3):
-        centre = float(np.median(values[:, axis]))
-        spread = 1.4826 * float(np.median(np.abs(values[:, axis] - centre)))
-        axes.append(Measured(centre, spread / np.sqrt(max(len(values) / 10.0, 1.0))))
-    return Rig(axes[0], axes[1], axes[2], yaw, lever)
 
 
 def _mount_block(rig: Rig) -> dict[str, Any]:

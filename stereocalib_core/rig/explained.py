@@ -28,9 +28,14 @@ class MotionSeries:
     yaw_rate: Array
 
     @classmethod
-    def from_path(cls, timestamps_s: Array, planar: Array, measured: NDArray[np.bool_]) -> MotionSeries:
-        """From the odometry's (N, 3) x, z [m], heading [rad] of each pair and whether it was measured."""
-        dt = np.maximum(np.diff(timestamps_s, prepend=np.nan), 1e-3)
+    def from_path(
+        cls, timestamps_s: Array, planar: Array, measured: NDArray[np.bool_], previous: NDArray[np.int64]
+    ) -> MotionSeries:
+        """From the odometry: (N, 3) x, z [m], heading [rad] of each pair, whether it was measured, and the
+        (N,) other frame of the pair, -1 = none.
+        """
+        measured = measured & (previous >= 0)
+        dt = np.maximum(timestamps_s - timestamps_s[np.maximum(previous, 0)], 1e-3)
         speed = np.where(measured, planar[:, 1] / dt, np.nan)
         yaw_rate = np.where(measured, planar[:, 2] / dt, np.nan)
         return cls(timestamps_s, speed, yaw_rate)
