@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +36,21 @@ class Instance:
 
 @dataclass(frozen=True)
 class Furniture:
-    """Things that stand, the meshes of all kinds, and their textures."""
+    """Things that stand, and the meshes of all kinds."""
 
     standing: tuple[Instance, ...]
     templates: dict[str, Mesh]
-    textures: tuple[NDArray[np.uint8], ...]
 
 
-def _templates(textures: list[NDArray[np.uint8]], rng: np.random.Generator) -> dict[str, Mesh]:
-    """Paint, and model every kind; the textures are appended to the list."""
+@lru_cache(maxsize=2)
+def templates(seed: int, first: int) -> tuple[tuple[NDArray[np.uint8], ...], dict[str, Mesh]]:
+    """The textures and the mesh of every kind of thing; the textures will be numbered from `first` on."""
+    rng = np.random.default_rng([seed, 32])
+    textures: list[NDArray[np.uint8]] = []
 
     def add(*images: NDArray[np.uint8]) -> int:
         textures.extend(images)
-        return len(textures) - len(images)
+        return first + len(textures) - len(images)
 
     facades = [add(painting.facade(rng)) for _ in range(painting.FACADES)]
     roof, bark, plaster = add(painting.roof(rng)), add(painting.bark(rng)), add(painting.plaster(rng))
@@ -103,14 +106,15 @@ def _templates(textures: list[NDArray[np.uint8]], rng: np.random.Generator) -> d
             meshes.box((2.3, 1.15, 7.2), plaster, 0.03, 0.22),
         ]
     )
-    return kinds
+    return tuple(textures), kinds
 
 
 def furnish(
     drive: Drive, road: RoadMap, textures: list[NDArray[np.uint8]], rng: np.random.Generator, sun: Array
 ) -> Furniture:
     """Place everything, shade the road map, and append the textures."""
-    kinds = _templates(textures, rng)
+    painted, kinds = templates(drive.settings.seed, len(textures))
+    textures.extend(painted)
     course = drive.course
     near = course_tree(course)
     taken: list[tuple[Array, float]] = []
@@ -172,7 +176,7 @@ def furnish(
                 )
     if drive.settings.traffic > 0:
         _parked(drive, stand, road, kinds, rng, sun)
-    return Furniture(tuple(standing), kinds, ())
+    return Furniture(tuple(standing), kinds)
 
 
 def _houses(

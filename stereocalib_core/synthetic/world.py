@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +51,22 @@ class World:
 TEXTURE_GRAIN, TEXTURE_MAP, TEXTURE_SKY, TEXTURE_GRASS = 0, 1, 2, 3
 
 
+@lru_cache(maxsize=2)
+def common_textures(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
+    """Asphalt grain, sky and grass."""
+    rng = np.random.default_rng([seed, 33])
+    return painting.grain(rng), painting.sky(rng), painting.grass(rng)
+
+
 def build_world(drive: Drive) -> World:
     """Paint, place and join everything; a second or two."""
     settings = drive.settings
     rng = np.random.default_rng([settings.seed, 31])
     bare = drive.ground.flat
     road = plain_map(rng, drive.course) if bare else street_map(rng, drive.course)
-    textures = [painting.grain(rng), road.albedo, painting.sky(rng), painting.grass(rng)]
-    furniture = Furniture((), {}, ()) if bare else furnish(drive, road, textures, rng, SUN)
+    grain, sky, grass = common_textures(settings.seed)
+    textures = [grain, road.albedo, sky, grass]
+    furniture = Furniture((), {}) if bare else furnish(drive, road, textures, rng, SUN)
     textures[TEXTURE_MAP] = road.finished()
     ground = ground_mesh(drive.ground)
     parts = [ground]
