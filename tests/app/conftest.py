@@ -14,20 +14,11 @@ from app import server as app_server
 from app.hub import Hub
 from app.secure import stop_server
 
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-default-apps",
-    "--disable-dev-shm-usage",
-    "--mute-audio",
-]
+FLAGS = (
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run", "--mute-audio"),
+    *("--disable-component-update", "--disable-sync", "--disable-default-apps", "--disable-dev-shm-usage"),
+)
 
 
 def until(condition: Callable[[], Any], timeout_s: float = 15.0, what: str = "condition") -> Any:
@@ -69,7 +60,7 @@ def hub_06(kitti_06: Path, data_dir: Path) -> Iterator[Hub]:
 
 @pytest.fixture(scope="session")
 def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A headless Chromium (a playwright browser context) at 1600x900."""
+    """A headless Chromium (a playwright browser context) at 1280x720."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -77,7 +68,7 @@ def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
             str(tmp_path_factory.mktemp("chromium")),
             executable_path=chromium_path,
             args=list(FLAGS),
-            viewport={"width": 1600, "height": 900},
+            viewport={"width": 1280, "height": 720},
             accept_downloads=True,
         )
         context.set_default_timeout(15_000)

@@ -1,0 +1,92 @@
+"""Only pages of this server may connect, and nothing is shared."""
+
+from __future__ import annotations
+
+import socket
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+
+import pytest
+import viser._messages
+from raw_client import RawClient
+from websockets.exceptions import InvalidStatus
+
+from app.secure import LocalServer, allowed_names, create_server, request_allowed, stop_server
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[LocalServer]:
+    running = create_server("127.0.0.1", 0)
+    yield running
+    stop_server(running)
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example",
+        "http://127.0.0.1.evil.example:{port}",
+        "http://localhost:1",
+        "https://localhost.evil.example",
+        "null",
+        "file://",
+        None,
+    ],
+)
+def test_foreign_look_alike_and_missing_origins_are_refused(server: LocalServer, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        RawClient(server.get_port(), None if origin is None else origin.format(port=server.get_port()))
+    assert refused.value.response.status_code == 403
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
+def test_own_pages_connect(server: LocalServer, name: str) -> None:
+    client = RawClient(server.get_port(), f"http://{name}:{server.get_port()}")
+    assert client.receive(5.0)
+    client.close()
+
+
+def test_a_name_that_somebody_pointed_at_this_machine_is_refused(server: LocalServer) -> None:
+    request = urllib.request.Request(
+        f"http://127.0.0.1:{server.get_port()}/", headers={"Host": f"evil.example:{server.get_port()}"}
+    )
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(request, timeout=5)
+    assert refused.value.code == 403
+
+
+def test_listens_on_this_machine_only(server: LocalServer) -> None:
+    addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    for address in addresses - {"127.0.0.1"}:
+        if str(address).startswith("127."):
+            continue
+        with pytest.raises(OSError, match="refused|unreachable|timed out"):
+            socket.create_connection((str(address), server.get_port()), timeout=1).close()
+
+
+def test_a_share_request_makes_no_tunnel(server: LocalServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_tunnel(*_args: object, **_kwargs: object) -> None:
+        raise AssertionError("a tunnel was started")
+
+    monkeypatch.setattr("viser._viser.ViserTunnel", no_tunnel)
+    assert server.request_share_url() is None
+    handlers = server._websock_server._incoming_handlers[viser._messages.ShareUrlRequest]
+    for handler in handlers:
+        handler(0, viser._messages.ShareUrlRequest())
+    assert server._share_tunnel is None
+
+
+def test_other_interfaces_take_numeric_hosts_but_no_foreign_names() -> None:
+    names = allowed_names("0.0.0.0")
+    page = {"Host": "192.168.1.7:8080", "Upgrade": "websocket", "Origin": "http://192.168.1.7:8080"}
+    assert request_allowed(page, names, any_address=True)
+    assert not request_allowed({**page, "Origin": "http://192.168.1.7:9"}, names, any_address=True)
+    assert not request_allowed({**page, "Host": "evil.example:8080"}, names, any_address=True)
+    assert not request_allowed(page, allowed_names("127.0.0.1"), any_address=False)
+
+
+def test_start_prints_nothing_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    running = create_server("127.0.0.1", 0)
+    stop_server(running)
+    assert capsys.readouterr().out == ""

@@ -1,0 +1,139 @@
+"""What people read: numbers, escaped strings, lists, equations, commands."""
+
+from __future__ import annotations
+
+import html
+import shlex
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from app import lessons, text
+from app.copy_button import copy_button
+from app.panels import debug, faults
+from app.plots import Chart, Curve, chart_data, fixed_range, unbridged
+from app.remedies import REMEDIES
+from app.session import Snapshot
+from stereocalib_core.errors import ConfigError, Failure, FailureReason
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import Check, FrameResult, RoadEstimate
+
+EVIL = '<img src=x onerror=alert(1)> "quoted" `code` [link](javascript:x) & more'
+
+
+def failed(frame: int, reason: FailureReason) -> FrameResult:
+    return FrameResult(frame, 0.1 * frame, None, Failure(reason, EVIL))
+
+
+def good(frame: int) -> FrameResult:
+    road = RoadEstimate(Extrinsics(1.65, 0.01, 0.0), np.eye(3) * 1e-6, 100, 0.5, (4, 20))
+    return FrameResult(frame, 0.1 * frame, road)
+
+
+def test_strings_from_outside_are_inert() -> None:
+    shown = text.escape(EVIL)
+    assert "<" not in shown
+    assert "`" not in shown.replace("\\`", "")
+    assert "](" not in shown
+    assert html.unescape(shown.replace("\\", "")) == EVIL
+
+
+def test_copy_button_carries_text_but_no_markup() -> None:
+    class Parser(HTMLParser):
+        tags: list[str] = []
+        data: dict[str, str | None] = {}
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            self.tags.append(tag)
+            self.data = dict(attrs)
+
+    parser = Parser()
+    parser.feed(copy_button("Copy", EVIL))
+    assert parser.tags == ["button"]
+    assert parser.data["data-text"] == EVIL
+
+
+def test_every_reason_has_a_cause_and_a_remedy() -> None:
+    assert set(REMEDIES) == set(FailureReason)
+
+
+def test_failures_are_listed_in_runs() -> None:
+    reasons = [FailureReason.DARK] * 3 + [FailureReason.NO_ROAD]
+    results = (
+        good(0),
+        *(failed(i + 1, r) for i, r in enumerate(reasons)),
+        good(5),
+        failed(6, FailureReason.DARK),
+    )
+    options = debug.failure_options(Snapshot(7, results))
+    assert options == ("1 to 3 · DARK", "4 · NO_ROAD", "6 · DARK")
+    assert [debug.frame_of(option) for option in options] == [1, 4, 6]
+
+
+def test_limits_that_failed_are_marked() -> None:
+    table = debug.checks_html(
+        (Check("image", "mean grey", 3.0, low=12.0), Check("<b>", "x", 1.0, 0.0, 2.0, "px"))
+    )
+    assert "✗ mean grey is outside" in table
+    assert "<b>" not in table.replace('<b style="', "")
+    assert "&lt;b&gt;" in table
+    assert "0 … 2" in table
+
+
+def test_equations_are_typeset_by_the_browser() -> None:
+    for lesson in lessons.LESSONS:
+        markup = lessons.equation_html(lesson.latex)
+        assert "<math" in markup
+        assert "\\" not in markup
+
+
+def test_every_lesson_breaks_something() -> None:
+    from stereocalib_core.config import PipelineConfig
+
+    assert 8 <= len(lessons.LESSONS) <= 10
+    for lesson in lessons.LESSONS:
+        breakage = lesson.breakage
+        broken = lessons.broken_config(PipelineConfig(), breakage.stages) != PipelineConfig()
+        assert broken or lessons.broken_corrections(breakage).touched
+
+
+def test_faults_become_keys_of_the_source() -> None:
+    fault = faults.fault_words("knock", "pitch", 0.5, 30, None)
+    assert fault == "fault=knock:pitch=0.5@30"
+    spec = faults.with_fault("synthetic:town?seed=3", fault)
+    spec = faults.with_fault(spec, faults.fault_words("dirt", "pitch", 1.0, 5, 9))
+    assert spec == "synthetic:town?seed=3&fault=knock:pitch=0.5@30&fault=dirt@5-9"
+    assert faults.faults_of(spec) == ["knock:pitch=0.5@30", "dirt@5-9"]
+    assert faults.without_faults(spec) == "synthetic:town?seed=3"
+    assert faults.with_fault("synthetic", fault) == "synthetic?fault=knock:pitch=0.5@30"
+    with pytest.raises(ConfigError):
+        faults.fault_words("rectification", "height", 0.1, 0, None)
+    assert shlex.quote(spec) != spec
+
+
+def test_ranges_are_fixed_and_calm() -> None:
+    values = np.concatenate([np.full(200, 1.65), [9.0], [np.nan]])
+    low, high = fixed_range(values, 0.12)
+    assert low < 1.65 < high < 2.0
+    assert fixed_range(values + 0.01, 0.12, (low, high)) == (low, high)
+    assert fixed_range(np.full(3, np.nan), 0.12) == (-0.06, 0.06)
+
+
+def test_missing_data_is_not_bridged() -> None:
+    line = unbridged(np.array([np.nan, 1.0, np.nan, 1.2, np.nan]), 0.9)
+    assert np.isnan(line[[0, 4]]).all()
+    assert line[2] < -900
+
+
+def test_now_is_a_spike_and_no_dot_is_invented() -> None:
+    x = np.arange(10.0)
+    chart = Chart(
+        x, (Curve("dots", x, (0, 0, 0), dots=True), Curve("line", x, (0, 0, 0))), (), (0.0, 9.0), "y"
+    )
+    times, dots, line, spike = chart_data(chart, 4.0)
+    assert times[np.argmax(spike)] == 4.0
+    assert np.count_nonzero(spike == 9.0) == 1
+    assert np.isfinite(dots).sum() == 10
+    assert np.isfinite(line).all()
+    assert (np.diff(times) >= 0).all()
