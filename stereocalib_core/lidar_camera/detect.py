@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, invert_transform

@@ -51,14 +51,15 @@ def without_obstacles(points: Array, cell: float, height: float) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def votes(points: Array, planes: Array, tolerance: float) -> NDArray[np.int64]:
-    """How many of (M, 3) points lie within `tolerance` of each of (P, 3) planes Y = a + b Z + c X."""
-    counts = np.zeros(len(planes), np.int64)
+def votes(points: Array, planes: Array, tolerance: float) -> Array:
+    """(P,) how well (M, 3) points lie on each of (P, 3) planes Y = a + b Z + c X: 1 for a point on it, 0 from
+    `tolerance` on. Points near a plane count more, so that no tilted plane wins by touching road and kerb."""
+    counts = np.zeros(len(planes))
     for p in range(len(planes)):
         a, b, c = planes[p]
         for i in range(len(points)):
-            if abs(points[i, 1] - a - b * points[i, 2] - c * points[i, 0]) < tolerance:
-                counts[p] += 1
+            off = (points[i, 1] - a - b * points[i, 2] - c * points[i, 0]) / tolerance
+            counts[p] += max(1.0 - off * off, 0.0)
     return counts
 
 

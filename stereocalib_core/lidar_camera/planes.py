@@ -44,37 +44,47 @@ def fit_plane(
     `range_sigma_m` None takes the noise from the scatter of the points. `center` (3,) is where the board's
     middle is thought to be (default: mean of the points); it is moved onto the plane.
     """
-    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+    reach = np.linalg.norm(points, axis=1)
+    rays = points / reach[:, None]
     plane, _ = plane_through(points)
-    weights = np.ones(len(points))
-    sigma = range_sigma_m
-    for _ in range(6):
-        slant = np.maximum(np.abs(rays @ plane.normal), MIXED_FLOOR)
-        along = plane.signed_distance(points) / slant
-        spread = range_sigma_m or max(1.4826 * float(np.median(np.abs(along))), RANGE_SIGMA_FLOOR_M)
-        huber = np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(along), 1e-12))
-        weights = huber / slant**2
-        previous = plane
-        plane, mean = plane_through(points, weights)
-        if float(np.abs(plane.normal - previous.normal).max()) < 1e-12:
+    H = np.zeros((3, 3))
+    for _ in range(12):
+        slant = np.maximum(rays @ plane.normal, MIXED_FLOOR)
+        miss = reach - plane.offset_m / slant
+        spread = range_sigma_m or max(1.4826 * float(np.median(np.abs(miss))), RANGE_SIGMA_FLOOR_M)
+        weights = np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(miss), 1e-12))
+        # Derivatives at the point where the ray meets the plane, not at the noisy one: that would bias them.
+        met = rays * (plane.offset_m / slant)[:, None]
+        mean = (weights / slant**2) @ met / np.sum(weights / slant**2)
+        basis = tangent_basis(plane.normal)
+        J = np.column_stack([(met - mean) @ basis.T, -np.ones(len(met))]) / slant[:, None]
+        H = (J * weights[:, None]).T @ J
+        step = -np.linalg.lstsq(H, J.T @ (weights * miss), rcond=1e-14)[0]
+        plane = _moved(plane, basis, mean, step)
+        if float(np.abs(step).max()) < 1e-13:
             break
-    slant = np.maximum(np.abs(rays @ plane.normal), MIXED_FLOOR)
-    distance = plane.signed_distance(points)
+    sigma = range_sigma_m
     if sigma is None:
-        freedom = max(float(np.sum(weights * slant**2)) - 3.0, 1.0)
-        sigma = max(float(np.sqrt(np.sum(weights * distance**2) / freedom)), RANGE_SIGMA_FLOOR_M)
-    covariance = _plane_covariance(points, weights / sigma**2, plane, mean)
-    at = mean if center is None else center
+        freedom = max(float(weights.sum()) - 3.0, 1.0)
+        sigma = max(float(np.sqrt(np.sum(weights * miss**2) / freedom)), RANGE_SIGMA_FLOOR_M)
+    covariance = _plane_covariance(H / sigma**2, plane, mean)
+    at = points.mean(axis=0) if center is None else center
     on_plane = at - plane.normal * float(plane.signed_distance(at))
-    return PlaneEstimate(plane, on_plane, covariance, float(np.sqrt(np.mean(distance**2))))
+    rms = float(np.sqrt(np.mean(plane.signed_distance(points) ** 2)))
+    return PlaneEstimate(plane, on_plane, covariance, rms)
 
 
-def _plane_covariance(points: Array, weights: Array, plane: Plane, mean: Array) -> Array:
-    """(4, 4) covariance of (n, d) from weighted point-to-plane residuals."""
+def _moved(plane: Plane, basis: Array, about: Array, step: Array) -> Plane:
+    """Tilted about a point on the plane by step[:2] [rad] and shifted along the normal by step[2] [m]."""
+    normal = plane.normal + step[:2] @ basis
+    normal /= np.linalg.norm(normal)
+    offset = float(normal @ about) + (plane.offset_m - float(plane.normal @ about)) + float(step[2])
+    return Plane(-normal, -offset) if offset < 0 else Plane(normal, offset)
+
+
+def _plane_covariance(information: Array, plane: Plane, mean: Array) -> Array:
+    """(4, 4) covariance of (n, d) from the (3, 3) information of two tilts about `mean` and a shift."""
     basis = tangent_basis(plane.normal)
-    across = (points - mean) @ basis.T
-    J = np.column_stack([across, -np.ones(len(points))])
-    information = (J * weights[:, None]).T @ J
     local = np.linalg.pinv(information, hermitian=True)
     # n = n0 + a e1 + b e2 turns the plane about the mean, so d = n . mean + shift.
     to_plane = np.zeros((4, 3))

@@ -194,8 +194,14 @@ def _lidar_blocks(problem: JointProblem, state: JointState) -> tuple[Array, Arra
     distance, slant = plane_errors(problem, state)
     sigma = slant * problem.noise.range_m
     residual = distance / sigma
-    in_camera = problem.points @ state.T_camera_lidar[:3, :3].T + state.T_camera_lidar[:3, 3]
     normals = np.repeat(state.T_camera_boards[:, :3, 2], problem.counts, axis=0)
+    # The derivative is taken where the ray meets the board: at the measured point it would share that
+    # point's noise, which biases the normals by some (sigma / range)^2 over the slant.
+    rays = problem.points @ state.T_camera_lidar[:3, :3].T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    overshoot = distance / (np.sign(np.sum(normals * rays, axis=1)) * slant)
+    reach = np.linalg.norm(problem.points, axis=1) - overshoot
+    in_camera = rays * reach[:, None] + state.T_camera_lidar[:3, 3]
     J = np.concatenate([np.cross(in_camera, normals), normals], axis=1) / sigma[:, None]
     WJ = _huber_weight(residual)[:, None] * J
     A, a = np.zeros((len(problem.counts), 6, 6)), np.zeros((len(problem.counts), 6))

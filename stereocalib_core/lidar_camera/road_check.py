@@ -177,32 +177,38 @@ def _surest_step(
     values: Array, sigma: Array, least: float, config: RoadCheckConfig
 ) -> tuple[int, int, float, float] | None:
     """The step that stands out most, by the medians of the windows before and after each frame."""
-    best, best_score, best_length = None, config.step_sigmas, config.window
     for length in (config.settled, config.window):
-        for onset in range(config.min_frames, len(values) - length + 1):
-            size, deviation = _jump(values, sigma, onset, length, config)
-            score = abs(size) / deviation
-            # A longer wait is only for what the shorter one does not show.
-            if abs(size) > least and score > best_score and length <= best_length:
-                best, best_score, best_length = onset, score, length
-    if best is None:
-        return None
-    onset = _onset(values, best, best_length, config)
-    size, deviation = _jump(values, sigma, onset, best_length, config)
-    return onset, onset + best_length - 1, size, deviation
+        # A longer wait is only for what the shorter one does not show.
+        sizes, deviations = _jumps(values, sigma, length, config)
+        scores = np.where(np.abs(sizes) > least, np.abs(sizes) / deviations, 0.0)
+        if len(scores) and float(scores.max()) > config.step_sigmas:
+            onset = _onset(values, config.min_frames + int(np.argmax(scores)), length, config)
+            at = onset - config.min_frames
+            return onset, onset + length - 1, float(sizes[at]), float(deviations[at])
+    return None
 
 
-def _jump(
-    values: Array, sigma: Array, onset: int, length: int, config: RoadCheckConfig
-) -> tuple[float, float]:
-    """Size and sigma of a step at `onset` by `length` values after it and up to `window` before it."""
-    before = slice(max(onset - config.window, 0), onset)
-    low, low_spread = _robust(values[before])
-    high, high_spread = _robust(values[onset : onset + length])
-    spread = max(float(np.hypot(low_spread, high_spread)) / np.sqrt(2), float(np.median(sigma[before])))
-    count = before.stop - before.start
-    deviation = np.hypot(_mean_sigma(spread, count, config), _mean_sigma(spread, length, config))
-    return float(high - low), float(deviation)
+def _jumps(values: Array, sigma: Array, length: int, config: RoadCheckConfig) -> tuple[Array, Array]:
+    """Size and sigma of a step at each onset from `min_frames` to the last with `length` values after it."""
+    onsets = np.arange(config.min_frames, len(values) - length + 1)
+    lead = np.full(config.window, np.nan)
+    before = np.concatenate([lead, values])[onsets[:, None] + np.arange(config.window)]
+    stated = np.concatenate([lead, sigma])[onsets[:, None] + np.arange(config.window)]
+    after = values[onsets[:, None] + np.arange(length)]
+    low, high = _row_medians(before), _row_medians(after)
+    spreads = [_MAD * _row_medians(np.abs(w - m[:, None])) for w, m in ((before, low), (after, high))]
+    spread = np.maximum(np.hypot(*spreads) / np.sqrt(2), _row_medians(stated))
+    known = np.minimum(onsets, config.window)
+    independent = [np.maximum(count / config.correlated_frames, 1.0) for count in (known, length)]
+    return high - low, spread * np.sqrt(1.0 / independent[0] + 1.0 / independent[1])
+
+
+def _row_medians(rows: Array) -> Array:
+    """(M, W) to the (M,) medians of what is not NaN."""
+    count = np.isfinite(rows).sum(axis=1)
+    ordered = np.sort(rows, axis=1)
+    row = np.arange(len(rows))
+    return np.asarray(0.5 * (ordered[row, (count - 1) // 2] + ordered[row, count // 2]))
 
 
 def _onset(values: Array, near: int, length: int, config: RoadCheckConfig) -> int:
