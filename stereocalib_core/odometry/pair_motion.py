@@ -36,19 +36,21 @@ def reprojection(rays: Array, motion: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _score(rays: Array, motion: Array, tolerance: float) -> float:
-    """How many points agree, each counted 0 ... 1."""
+def _score(rays: Array, votes: Array, motion: Array, tolerance: float) -> float:
+    """The votes (N,) of the points that agree, each counted by how well it does."""
     seen = reprojection(rays, motion)
     total = 0.0
     for k in range(rays.shape[1]):
         e2 = (seen[0, k] - rays[3, k]) ** 2 + (seen[1, k] - rays[4, k]) ** 2
-        total += max(0.0, 1.0 - e2 / (tolerance * tolerance))
+        total += votes[k] * max(0.0, 1.0 - e2 / (tolerance * tolerance))
     return total
 
 
 @njit(cache=True, nogil=True)
-def robust_motion(rays: Array, predicted: Array, focal_px: float, tolerance_px: float) -> tuple[Array, float]:
-    """(6,) motion that the most points (5, N) agree with, and its number of agreeing points (soft count).
+def robust_motion(
+    rays: Array, votes: Array, predicted: Array, focal_px: float, tolerance_px: float
+) -> tuple[Array, float]:
+    """(6,) motion that the points (5, N) with the most votes (N,) agree with, and these votes.
 
     The candidates are the prediction and `SAMPLES` triples drawn by a fixed sequence.
     """
@@ -74,12 +76,12 @@ def robust_motion(rays: Array, predicted: Array, focal_px: float, tolerance_px: 
                 triple[:, k] = rays[:, pick]
             full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1.0, 1000.0, information)
         candidates[s] = motion
-        scores[s] = _score(rays, motion, tolerance)
+        scores[s] = _score(rays, votes, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
     full_pair(rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 0.5 * tolerance_px, information)
-    refined = _score(rays, motion, tolerance)
+    refined = _score(rays, votes, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined
     return candidates[best], scores[best]

@@ -85,12 +85,14 @@ def _align(
     guess: Array,
     affine: Array,
     iterations: int,
+    enough: float,
     template: Array,
     patch: Array,
 ) -> float:
     """Move `guess` (2,) to where the patch around (tu, tv) is seen in `image`; all in pixels of one level.
 
-    affine (4,): d(u', v') / d(u, v), row by row. Returns the correlation, or -1 where it is lost.
+    affine (4,): d(u', v') / d(u, v), row by row. `enough`: step [px] that ends the iteration.
+    Returns the correlation, or -1 where it is lost.
     """
     n = 2 * HALF + 1
     if not _sample(template_image, tu, tv, 1.0, 0.0, 0.0, 1.0, template):
@@ -131,7 +133,7 @@ def _align(
             eu, ev = 2.0 * eu / size, 2.0 * ev / size
         guess[0] -= affine[0] * eu + affine[1] * ev
         guess[1] -= affine[2] * eu + affine[3] * ev
-        if size < 0.01:
+        if size < enough:
             break
     return correlation
 
@@ -170,11 +172,11 @@ def follow(
             tu = (points[k, 0] + 0.5) * scale - 0.5
             tv = (points[k, 1] + 0.5) * scale - 0.5
             if level == 2:
-                correlation = _align(before[2], after[2], tu, tv, guess, A, 8, template, patch)
+                correlation = _align(before[2], after[2], tu, tv, guess, A, 6, 0.1, template, patch)
             elif level == 1:
-                correlation = _align(before[1], after[1], tu, tv, guess, A, 8, template, patch)
+                correlation = _align(before[1], after[1], tu, tv, guess, A, 6, 0.1, template, patch)
             else:
-                correlation = _align(before[0], after[0], tu, tv, guess, A, 8, template, patch)
+                correlation = _align(before[0], after[0], tu, tv, guess, A, 8, 0.01, template, patch)
             if correlation > 0.3:
                 here[0] = (guess[0] + 0.5) / scale - 0.5
                 here[1] = (guess[1] + 0.5) / scale - 0.5
@@ -183,7 +185,10 @@ def follow(
         determinant = A[0] * A[3] - A[1] * A[2]
         back = np.array([A[3], -A[1], -A[2], A[0]]) / determinant
         guess[0], guess[1] = points[k, 0] + 0.7, points[k, 1] + 0.7
-        if _align(after[0], before[0], here[0], here[1], guess, back, 8, template, patch) < min_correlation:
+        if (
+            _align(after[0], before[0], here[0], here[1], guess, back, 6, 0.1, template, patch)
+            < min_correlation
+        ):
             continue
         if (guess[0] - points[k, 0]) ** 2 + (guess[1] - points[k, 1]) ** 2 < max_return_px**2:
             found[k] = here

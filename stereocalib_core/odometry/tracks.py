@@ -33,6 +33,9 @@ DISPARITY_TOLERANCE_PX = 1.0
 MIN_AGREEMENT = 0.55
 """Share of the points that must move together, else the prediction was wrong and is searched for."""
 
+ROAD_VOTES = 2.0
+"""What a road point counts against one above it: a passing lorry may fill the picture, but not the road."""
+
 MIN_CONSENT = 0.4
 """Share of the points found again that must move together, else no motion is believed."""
 
@@ -149,7 +152,8 @@ def _follow(
     rays[4] = (found[:, 1] - camera.cy_px) / f
     if np.count_nonzero(ok) < MIN_POINTS:
         return ok, None, 0.0
-    motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), predicted, f, TOLERANCE_PX)
+    votes = np.where(corners.on_road[ok], ROAD_VOTES, 1.0)
+    motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), votes, predicted, f, TOLERANCE_PX)
     seen = reprojection(rays, motion)
     followed = float(ok.sum())
     ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < TOLERANCE_PX)

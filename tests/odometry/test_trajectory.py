@@ -248,12 +248,12 @@ def test_extrinsics_of_another_drive_are_refused(drive: Drive) -> None:
 
 
 def test_a_variant_is_computed_at_the_touch_of_a_slider(drive: Drive) -> None:
-    """A generous bound for shared machines; `make bench` prints the real figure."""
+    """Processor time, twice what two free cores have in 50 ms per 1,100 frames; `make bench` prints the real figure."""
     settings = TrajectorySettings(pitch_error_rad=0.01)
     trajectory(drive.packed, drive.extrinsics, settings)
     times = []
     for _ in range(5):
-        began = time.perf_counter()
+        began = time.process_time()
         trajectory(drive.packed, drive.extrinsics, settings)
-        times.append(time.perf_counter() - began)
-    assert min(times) / FRAMES < 3 * 50e-3 / 1100
+        times.append(time.process_time() - began)
+    assert min(times) / FRAMES < 2 * 2 * 50e-3 / 1100
