@@ -1,4 +1,4 @@
-"""Yaw and lever arm of the rig together, from the free planar motions of a whole drive.
+"""Yaw and lever arm of the rig together, from the free motions of a whole drive on the road.
 
 A rear axle that does not slip sideways moves the camera by x = yaw z + z heading / 2 + L heading in
 each pair,
@@ -25,6 +25,9 @@ MIN_TRAVEL_M = 0.1
 
 MIN_PAIRS = 10
 
+SYSTEMATIC = np.diag([np.deg2rad(0.005), 0.02]) ** 2
+"""What no number of pairs takes away: covariance of yaw and lever arm by the unevenness of road and tyres."""
+
 SLIP_SIGMA = 1.5e-3
 """Sideways motion per metre of travel that real tyres and roads add to the measurement noise."""
 
@@ -49,20 +52,20 @@ class LeverYaw:
         return float(np.sqrt(self.covariance[1, 1]))
 
 
-def estimate_lever_and_yaw(planar: Trajectory) -> LeverYaw | None:
-    """From a trajectory of the free `planar` model; None where too few pairs move.
+def estimate_lever_and_yaw(free: Trajectory) -> LeverYaw | None:
+    """From a trajectory of a free model, best of `full`; None where too few pairs move.
 
     A weak prior holds the lever arm near its default, so that a drive without turns gives a usable value
     with the σ that says so.
     """
-    x, z, heading = planar.planar.T
-    use = planar.measured & (z > MIN_TRAVEL_M) & (planar.planar_covariance[:, 0, 0] > 0)
+    x, z, heading = free.planar.T
+    use = free.measured & (z > MIN_TRAVEL_M) & (free.planar_covariance[:, 0, 0] > 0)
     if np.count_nonzero(use) < MIN_PAIRS:
         return None
     x, z, heading = x[use], z[use], heading[use]
     A = np.column_stack([z, heading])
     y = x - 0.5 * z * heading
-    cov = planar.planar_covariance[use]
+    cov = free.planar_covariance[use]
     solution = np.array([np.median(y / z), DEFAULT_LEVER_ARM_M])
     inverse_cov = np.zeros((2, 2))
     for _ in range(20):
@@ -82,6 +85,6 @@ def estimate_lever_and_yaw(planar: Trajectory) -> LeverYaw | None:
     return LeverYaw(
         float(solution[0]),
         float(solution[1]),
-        np.asarray(np.linalg.inv(inverse_cov), dtype=np.float64),
+        np.asarray(np.linalg.inv(inverse_cov) + SYSTEMATIC, dtype=np.float64),
         int(np.count_nonzero(use)),
     )

@@ -89,7 +89,7 @@ class Trajectory:
     covariance: (N, 6, 6) of each pair's motion given the extrinsics: rotation [rad], translation [m] in the
         axes of this frame's camera; zero where nothing was measured.
     planar: (N, 3) x, z [m], heading [rad] of each pair in the road frame of its previous frame.
-    planar_covariance: (N, 3, 3) of `planar`; zero for the full model.
+    planar_covariance: (N, 3, 3) of `planar`.
     measured: (N,) False where the motion is a prediction or rests on no road; frame 0 is True.
     """
 
@@ -162,7 +162,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     if settings.model == "full":
         motions, covariance = _full(tracks, filled, used, rotations, road)
         planar = _planar_of(motions, rotations, origin)
-        planar_covariance = np.zeros((len(tracks), 3, 3))
+        planar_covariance = _planar_covariance(covariance, motions, rotations, origin)
     else:
         lever = settings.lever_arm_m if settings.model == "nonholonomic" else float("nan")
         planar, planar_covariance, solved = _planar(tracks, used, rotations, road & moving, lever)
@@ -264,6 +264,18 @@ def _covariance_of(planar: Array, rotations: Array, origin: NDArray[np.int64]) -
     jacobian[:, :3, 2] = rotations[:, :, 1]
     jacobian[:, 3:, :2] = rotations[origin][:, :, [0, 2]]
     return np.asarray(jacobian @ planar @ np.swapaxes(jacobian, 1, 2))
+
+
+def _planar_covariance(
+    covariance: Array, motions: Array, rotations: Array, origin: NDArray[np.int64]
+) -> Array:
+    """(N, 6, 6) covariance of camera motions to the (N, 3, 3) of x, z, heading on the road."""
+    turned = np.stack([rotation_from_vector(w) for w in motions[:, :3]])
+    to_road = np.swapaxes(rotations[origin], 1, 2) @ np.swapaxes(turned, 1, 2)
+    jacobian = np.zeros((len(motions), 3, 6))
+    jacobian[:, :2, 3:] = to_road[:, [0, 2]]
+    jacobian[:, 2, :3] = rotations[:, :, 1]
+    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
 
 
 @njit(cache=True, nogil=True)

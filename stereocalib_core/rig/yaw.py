@@ -23,6 +23,7 @@ from stereocalib_core.odometry.packing import PackedTracks
 from stereocalib_core.odometry.small_algebra import rotation_from_vector
 from stereocalib_core.odometry.trajectory import (
     DEFAULT_LEVER_ARM_M,
+    Trajectory,
     TrajectorySettings,
     fill_missing,
     road_rotations,
@@ -118,7 +119,7 @@ def estimate_yaw(
     usable = motion.measured & (tracks.previous >= 0)
     straight = straight_pairs(distance, turn, usable, config)
     if lever is None:
-        lever = _lever(tracks, full)
+        lever = _lever(motion)
     pairs = np.full(len(tracks), np.nan)
 
     def refuse(reason: str) -> YawEstimate:
@@ -168,15 +169,14 @@ def estimate_yaw(
     return YawEstimate(yaw, sigma, None, int(inlier.sum()), lever.value, lever.sigma, pairs, straight)
 
 
-def _lever(tracks: PackedTracks, extrinsics: Array) -> Measured:
+def _lever(motion: Trajectory) -> Measured:
     """Rear axle to camera from the drive's turns; the default with a wide sigma where it has none.
 
     Without turns a regression would read the lever arm from the noise of the headings.
     """
-    planar = trajectory(tracks, extrinsics, TrajectorySettings(model="planar"))
     found = None
-    if np.count_nonzero(planar.measured & (np.abs(planar.planar[:, 2]) > _TURN_RAD)) >= _TURN_PAIRS:
-        found = estimate_lever_and_yaw(planar)
+    if np.count_nonzero(motion.measured & (np.abs(motion.planar[:, 2]) > _TURN_RAD)) >= _TURN_PAIRS:
+        found = estimate_lever_and_yaw(motion)
     if found is None or found.lever_arm_sigma_m > _DEFAULT_LEVER_SIGMA_M:
         return Measured(DEFAULT_LEVER_ARM_M, _DEFAULT_LEVER_SIGMA_M)
     return Measured(found.lever_arm_m, found.lever_arm_sigma_m)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_tracks import CAMERA, camera_poses, car_path, mount_series, tracks_of
+from simulated_drive import CAMERA, camera_poses, car_path, mount_series, tracks_of
 
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.evaluation import evaluate, heading_between, path_lengths
@@ -128,8 +128,10 @@ def test_settings_act_as_their_fields_say() -> None:
         TrajectorySettings(model="tank")  # type: ignore[arg-type]
 
 
-def test_yaw_and_lever_arm_come_from_the_drive_with_honest_sigmas(drive: Drive) -> None:
-    found = estimate_lever_and_yaw(trajectory(drive.packed, drive.extrinsics, TrajectorySettings("planar")))
+@pytest.mark.parametrize("model", ["full", "planar"])
+def test_yaw_and_lever_arm_come_from_the_drive_with_honest_sigmas(drive: Drive, model: str) -> None:
+    free = trajectory(drive.packed, drive.extrinsics, TrajectorySettings(model=model))  # type: ignore[arg-type]
+    found = estimate_lever_and_yaw(free)
     assert found is not None
     assert abs(found.yaw_rad - YAW) < min(3 * found.yaw_sigma_rad, np.deg2rad(0.05))
     assert abs(found.lever_arm_m - LEVER) < min(3 * found.lever_arm_sigma_m, 0.05)
@@ -150,10 +152,11 @@ def test_a_straight_drive_shows_yaw_but_no_lever_arm() -> None:
 
 def test_covariances_fit_the_true_errors(drive: Drive) -> None:
     """Errors of single pairs in units of their sigma scatter about one, for heading and for distance."""
-    free = trajectory(drive.packed, drive.extrinsics, TrajectorySettings("planar"))
-    error = free.planar[1:] - drive.planar[1:]
-    sigma = np.sqrt(np.diagonal(free.planar_covariance[1:], axis1=1, axis2=2))
-    assert np.all(np.abs(np.std(error / sigma, axis=0) - 1.0) < 0.35)
+    for settings in (TrajectorySettings("planar"), TrajectorySettings()):
+        free = trajectory(drive.packed, drive.extrinsics, settings)
+        error = free.planar[1:] - drive.planar[1:]
+        sigma = np.sqrt(np.diagonal(free.planar_covariance[1:], axis1=1, axis2=2))
+        assert np.all(np.abs(np.std(error / sigma, axis=0) - 1.0) < 0.35)
     full = trajectory(drive.packed, drive.extrinsics, TrajectorySettings())
     moved = np.linalg.inv(full.poses[:-1]) @ full.poses[1:]
     truth = np.linalg.inv(drive.poses[:-1]) @ drive.poses[1:]
