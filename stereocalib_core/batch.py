@@ -1,0 +1,296 @@
+"""`stereocalib batch`: many drives on several processes or machines, by Dask.
+
+Every drive is a `run` into its own folder. A worker that dies loses nothing: another one takes its drive over
+from the checkpoint. A batch that is called again skips the drives whose files are whole and whose source and
+settings are the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import logging
+import os
+import re
+import signal
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stereocalib_core import config as settings
+from stereocalib_core import io
+from stereocalib_core.batch_summary import DriveOutcome, write_summary
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
+from stereocalib_core.sources import SourceKind, open_source, source_kind
+
+SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
+SEALED_FILES = (
+    "config.json",
+    "rig.yaml",
+    "extrinsics.csv",
+    "trajectory.txt",
+    "trajectory.tum",
+    "report.json",
+)
+CONNECT_TIMEOUT_S = 10
+CLOSE_TIMEOUT_S = 0.5
+RETRIES = 2
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class BatchSummary:
+    """How many drives there are, how many are done, and why the result must not be trusted, if so."""
+
+    total: int
+    done: int
+    warning: str | None
+
+
+def run_batch(
+    specs: Sequence[str],
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    method: str | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> BatchSummary:
+    """Run every source into `out/<drive>/` and write summary.csv, summary.md and summary.png.
+
+    workers: local processes, default one per core. scheduler: address of a running Dask scheduler instead,
+    whose workers see the same paths. Raises StereoCalibError when not one source can be a drive.
+    """
+    config = settings.from_dict({} if method is None else {"method": method})
+    specs = [_absolute(spec) for spec in specs]
+    unusable = _unusable(specs)
+    _claim(out, overwrite)
+    names = drive_names(specs)
+    outcomes: dict[str, DriveOutcome] = {}
+    waiting: list[tuple[str, str]] = []
+    for spec, name in zip(specs, names, strict=True):
+        if spec in unusable:
+            outcomes[name] = DriveOutcome(name, spec, "failed", unusable[spec])
+        elif (report := sealed_report(out / name, spec, config)) is not None and not overwrite:
+            outcomes[name] = DriveOutcome(name, spec, "done", report=report)
+        else:
+            waiting.append((spec, name))
+    if progress:
+        progress(len(outcomes), len(specs), "drives")
+    if waiting:
+        with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
+            for outcome in _submit(client, waiting, out, config, overwrite):
+                outcomes[outcome.name] = outcome
+                if progress:
+                    progress(len(outcomes), len(specs), "drives")
+    ordered = [outcomes[name] for name in names]
+    write_summary(out, ordered)
+    return _summary(ordered)
+
+
+def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
+    failed = [o for o in outcomes if o.status == "failed"]
+    doubtful = [o for o in outcomes if o.report is not None and o.report.get("why_not")]
+    parts = []
+    if failed:
+        parts.append(
+            f"{len(failed)} of {len(outcomes)} drives failed ({', '.join(o.name for o in failed[:5])})"
+        )
+    if doubtful:
+        parts.append(f"{len(doubtful)} not to be trusted ({', '.join(o.name for o in doubtful[:5])})")
+    warning = f"{'; '.join(parts)}: see summary.md" if parts else None
+    return BatchSummary(len(outcomes), len(outcomes) - len(failed), warning)
+
+
+def _absolute(spec: str) -> str:
+    """Folders by their full path, since workers may have another working directory."""
+    path = Path(spec)
+    return str(path.resolve()) if path.is_dir() else spec
+
+
+def _unusable(specs: Sequence[str]) -> dict[str, str]:
+    """Sources that are no drive, with the reason; raises when that is true of all of them."""
+    reasons: dict[str, str] = {}
+    first: StereoCalibError | None = None
+    for spec in specs:
+        try:
+            if source_kind(spec) is SourceKind.RUN:
+                raise ConfigError("output of an earlier run", spec, "name its source")
+        except StereoCalibError as error:
+            reasons[spec] = str(error)
+            first = first or error
+    if first is not None and len(reasons) == len(set(specs)):
+        raise first
+    return reasons
+
+
+def _claim(out: Path, overwrite: bool) -> None:
+    """Make the folder, or go on in one that an earlier batch made."""
+    try:
+        occupied = out.is_dir() and any(out.iterdir())
+        if occupied and not overwrite and not (out / MARKER).is_file():
+            raise OutputError("output folder is not empty", out, "name a new one or that of an earlier batch")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            "output folder cannot be made", out, error.strerror or "check its rights"
+        ) from error
+    io.write_json(out / MARKER, {"made_by": "stereocalib batch"})
+
+
+def drive_names(specs: Sequence[str]) -> list[str]:
+    """A short folder name for every source, different for different ones."""
+    parts = [_name_parts(spec) for spec in specs]
+    names = [p[-1] for p in parts]
+    for depth in range(2, 1 + max(map(len, parts))):
+        clashes = {name for name, count in Counter(names).items() if count > 1}
+        names = ["-".join(p[-depth:]) if n in clashes else n for n, p in zip(names, parts, strict=True)]
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        seen[name] += 1
+        names[i] = name if seen[name] == 1 else f"{name}-{seen[name]}"
+    return names
+
+
+def _name_parts(spec: str) -> list[str]:
+    words = Path(spec).parts if Path(spec).is_dir() else (spec,)
+    cleaned = [re.sub(r"[^A-Za-z0-9_.=-]+", "-", word).strip("-.") for word in words]
+    return [word[-80:] for word in cleaned if word] or ["drive"]
+
+
+# --- one drive, in a worker
+
+
+def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> dict[str, Any]:
+    """Run or resume one drive, seal its folder, and give its report; what is wrong with it as `error`."""
+    import cv2
+
+    from stereocalib_core.run import CHECKPOINT, run_drive
+
+    cv2.setNumThreads(1)  # the drives are what runs in parallel
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with (path / LOCK).open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # a worker thought dead may still be at it
+            resolved = settings.from_dict(config, "batch settings")
+            report = sealed_report(path, spec, resolved)
+            if report is None or overwrite:
+                (path / SEAL).unlink(missing_ok=True)
+                go_on = (path / CHECKPOINT).is_file() and not overwrite
+                report = _run_or_restart(spec, path, resolved, go_on, run_drive)
+                seal(path, spec, resolved)
+        (path / LOCK).unlink(missing_ok=True)
+        return {"report": report}
+    except StereoCalibError as error:
+        return {"error": str(error)}
+
+
+def _run_or_restart(
+    spec: str, path: Path, config: PipelineConfig, go_on: bool, run_drive: Callable[..., dict[str, Any]]
+) -> dict[str, Any]:
+    """Go on from a checkpoint; one of other settings or another version is started afresh."""
+    if go_on:
+        with contextlib.suppress(OutputError):
+            return run_drive(spec, path, config=config, resume=True)
+    return run_drive(spec, path, config=config, overwrite=True)
+
+
+def seal(folder: Path, spec: str, config: PipelineConfig) -> None:
+    """Write down which files a finished drive has, and from what they were made."""
+    io.write_json(folder / SEAL, {"made_from": _made_from(spec, config), "sha256": _digests(folder)})
+
+
+def sealed_report(folder: Path, spec: str, config: PipelineConfig) -> dict[str, Any] | None:
+    """The report of a drive that is done, whole, and of the same source and settings; else None."""
+    try:
+        mark = json.loads((folder / SEAL).read_text(encoding="utf-8"))
+        if mark["sha256"] != _digests(folder) or mark["made_from"] != _made_from(spec, config):
+            return None
+        return io.read_json(folder / "report.json")
+    except (OSError, ValueError, KeyError, TypeError, StereoCalibError):
+        return None
+
+
+def _made_from(spec: str, config: PipelineConfig) -> list[str]:
+    text = json.dumps(settings.to_dict(config), sort_keys=True)
+    return [open_source(spec).content_key, hashlib.sha256(text.encode()).hexdigest()]
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    present = [name for name in SEALED_FILES if (folder / name).is_file()]
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in present}
+
+
+# --- Dask
+
+
+@contextlib.contextmanager
+def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterator[Any]:
+    """A client of the scheduler at that address, or of a local cluster that lives as long as the batch."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise ConfigError("batch needs Dask", "not installed", "pip install 'stereocalib[batch]'") from error
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+        except (OSError, ValueError) as error:
+            raise ConfigError("no Dask scheduler", scheduler, "check the address, tcp://HOST:PORT") from error
+        with client:
+            yield client
+        return
+    cluster = distributed.LocalCluster(
+        n_workers=workers or min(os.cpu_count() or 1, drives),
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+        env={"NUMBA_NUM_THREADS": "1"},
+    )
+    client = distributed.Client(cluster)
+    try:
+        yield client
+    except KeyboardInterrupt:
+        _kill_workers(cluster)  # a worker would finish its frame, its drive, and only then listen
+        raise KeyboardInterrupt("the same call goes on from here") from None
+    finally:
+        client.close(timeout=CLOSE_TIMEOUT_S)
+        cluster.close(timeout=CLOSE_TIMEOUT_S)
+
+
+def _kill_workers(cluster: Any) -> None:
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid:
+            os.kill(nanny.pid, signal.SIGKILL)
+
+
+def _submit(
+    client: Any, waiting: list[tuple[str, str]], out: Path, config: PipelineConfig, overwrite: bool
+) -> Iterator[DriveOutcome]:
+    """Outcomes as the drives finish."""
+    from distributed import as_completed
+
+    futures = {}
+    call = uuid.uuid4().hex  # a shared scheduler may still know keys of another batch
+    for spec, name in waiting:
+        arguments = (spec, str((out / name).resolve()), settings.to_dict(config), overwrite)
+        future = client.submit(run_one, *arguments, key=f"{name}-{call}", retries=RETRIES, pure=False)
+        futures[future] = (spec, name)
+    for future in as_completed(futures):
+        spec, name = futures[future]
+        error = future.exception()
+        given: dict[str, Any] = {"error": f"{type(error).__name__}: {error}"} if error else future.result()
+        if "error" in given:
+            yield DriveOutcome(name, spec, "failed", " ".join(given["error"].split()))
+        else:
+            yield DriveOutcome(name, spec, "done", report=given["report"])
