@@ -82,7 +82,7 @@ def templates(seed: int, first: int) -> tuple[tuple[NDArray[np.uint8], ...], dic
     for k in range(_TREES):
         crown, tall = rng.uniform(1.7, 3.6), rng.uniform(3.5, 7.0)
         kinds[f"tree{k}"] = meshes.tree(
-            rng, bark, leaves, float(rng.uniform(1.6, 2.6)), float(crown), float(tall), int(26 * crown)
+            rng, bark, leaves, float(rng.uniform(1.6, 2.6)), float(crown), float(tall), int(21 * crown)
         )
     kinds["bush"] = meshes.tree(rng, bark, leaves, 0.0, 0.9, 1.5, 22)
     kinds["hedge"] = meshes.box((0.7, 1.25, 5.0), bush, 0.012)

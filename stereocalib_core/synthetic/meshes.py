@@ -189,7 +189,8 @@ def tree(
     size = 0.42 * crown_m + 0.25
     direction = rng.standard_normal((cards, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    reach = (rng.uniform(0.25, 1.0, cards) ** 0.5)[:, None]
+    # from the outside in: what is drawn first hides the rest and spares its filling
+    reach = -np.sort(-(rng.uniform(0.25, 1.0, cards) ** 0.5))[:, None]
     offset = direction * reach * np.array([crown_m - 0.5 * size, 0.5 * tall, crown_m - 0.5 * size])
     centers = middle + offset
     facing = direction + 0.8 * rng.standard_normal((cards, 3))

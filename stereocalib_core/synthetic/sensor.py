@@ -15,7 +15,7 @@ EXPOSURE_DIFFERENCE = 0.02
 """How much brighter the right picture is at amount 1."""
 VIGNETTING = 0.16
 """What is lost in the far corners at amount 1."""
-BLUR = 0.05
+BLUR = 0.03
 """Share of the light that falls on each direct neighbour, in x and in y."""
 
 

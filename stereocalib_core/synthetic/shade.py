@@ -10,7 +10,7 @@ from numba import njit
 from stereocalib_core.synthetic.raster import FLAG_ALPHA, FLAG_GROUND, SAMPLES
 from stereocalib_core.synthetic.textures import sample
 
-MAX_TAPS = 6
+MAX_TAPS = 5
 GRAIN_TAPS = 3
 GRAIN_FAR_M = 45.0
 HAZE_M = 900.0
@@ -22,7 +22,7 @@ GRAIN_TEXEL_M = 0.008
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _surface(  # type: ignore[no-untyped-def]
-    q, flag, tex, u, v, texels, table, levels, drift, shadows, ground
+    planes, k, flag, tex, u, v, texels, table, levels, drift, shadows, ground
 ):
     """Grey of one triangle's surface at u, v.
 
@@ -30,15 +30,15 @@ def _surface(  # type: ignore[no-untyped-def]
     `shade`; shadows (N, 4) centre and half size in s, t [m]; ground: contrast, grain texture, map texture, grey
     of a road without contrast, grey of haze, texel of the map along s [m].
     """
-    w = q[0] * u + q[1] * v + q[2]
+    w = planes[k, 0] * u + planes[k, 1] * v + planes[k, 2]
     if w < 1e-7:
         w = 1e-7
     z = 1.0 / w
-    s = (q[3] * u + q[4] * v + q[5]) * z
-    t = (q[6] * u + q[7] * v + q[8]) * z
-    light = (q[9] * u + q[10] * v + q[11]) * z
-    ux, uy = (q[3] - s * q[0]) * z, (q[4] - s * q[1]) * z
-    vx, vy = (q[6] - t * q[0]) * z, (q[7] - t * q[1]) * z
+    s = (planes[k, 3] * u + planes[k, 4] * v + planes[k, 5]) * z
+    t = (planes[k, 6] * u + planes[k, 7] * v + planes[k, 8]) * z
+    light = (planes[k, 9] * u + planes[k, 10] * v + planes[k, 11]) * z
+    ux, uy = (planes[k, 3] - s * planes[k, 0]) * z, (planes[k, 4] - s * planes[k, 1]) * z
+    vx, vy = (planes[k, 6] - t * planes[k, 0]) * z, (planes[k, 7] - t * planes[k, 1]) * z
     mu = drift[0] + w * (drift[1] + (u - drift[4]) * drift[2])
     mv = w * (drift[3] + (v - drift[5]) * drift[2])
     eu, ev = ux * mu + uy * mv, vx * mu + vy * mv
@@ -50,7 +50,7 @@ def _surface(  # type: ignore[no-untyped-def]
         side = 1.0 if eu * ux + ev * vx > 0 else -1.0
         ux, vx = ux + side * eu, vx + side * ev
     if not flag & FLAG_GROUND:
-        taps = 2 if flag & FLAG_ALPHA else 4
+        taps = 0 if flag & FLAG_ALPHA else 4
         value = sample(texels, table, levels, tex, s, t, ux, vx, uy, vy, taps) * light
     else:
         contrast, grain, paint = ground[0], int(ground[1]), int(ground[2])
@@ -68,9 +68,9 @@ def _surface(  # type: ignore[no-untyped-def]
         # grass and gardens beyond the pavements are rougher than asphalt
         amount = 1.0 if -8.0 < t < 6.6 else 2.2
         value = base * (1.0 + amount * contrast * rough) * light
-        for k in range(shadows.shape[0]):
-            a = abs(s - shadows[k, 0]) - shadows[k, 2]
-            b = abs(t - shadows[k, 1]) - shadows[k, 3]
+        for n in range(shadows.shape[0]):
+            a = abs(s - shadows[n, 0]) - shadows[n, 2]
+            b = abs(t - shadows[n, 1]) - shadows[n, 3]
             if a < 0.5 and b < 0.5:
                 edge = min(max(max(a, b) / 0.5, 0.0), 1.0)
                 value *= 0.35 + 0.65 * edge
@@ -162,7 +162,8 @@ def shade(  # type: ignore[no-untyped-def]
                 else:
                     tri = source[k]
                     value, w = _surface(
-                        planes[k],
+                        planes,
+                        k,
                         flags[tri],
                         textures[tri],
                         u,
@@ -180,8 +181,7 @@ def shade(  # type: ignore[no-untyped-def]
                 i += 1
             image[y, x] = grey / n
             if best >= 0:
-                q = planes[best]
-                inverse_depth[y, x] = max(q[0] * x + q[1] * y + q[2], 1e-6)
+                inverse_depth[y, x] = max(planes[best, 0] * x + planes[best, 1] * y + planes[best, 2], 1e-6)
                 label[y, x] = labels[source[best]]
             else:
                 inverse_depth[y, x] = 0.0

@@ -135,18 +135,20 @@ class Studio:
     def pictures(self, frame: int) -> tuple[Picture, Picture]:
         """The left and right picture, (H, W) uint8, with every fault of light and lens."""
         with self._lock:
-            views = self.views(frame)
+            things, shadows = moving(self.world, frame)
+            right = self._pool.submit(self._picture, 1, frame, things, shadows)
+            return self._picture(0, frame, things, shadows), right.result()
+
+    def _picture(self, side: int, frame: int, things: list[Instance], shadows: Array) -> Picture:
+        """One camera's picture."""
         s = self.settings
-        pictures = []
-        for side, view in enumerate(views):
-            grey = spoil(view.grey, s.faults, frame, side, s.seed)
-            gain = 1.0 + side * EXPOSURE_DIFFERENCE * s.exposure_difference
-            noise = s.noise * noise_factor(s.faults, frame)
-            picture = np.empty(grey.shape, np.uint8)
-            key = (s.seed * 1_000_003 + frame) * 2 + side
-            expose(grey, gain, VIGNETTING * s.vignetting, noise, key, noise_table(), BLUR, picture)
-            pictures.append(picture)
-        return pictures[0], pictures[1]
+        grey = spoil(self._view(side, frame, things, shadows).grey, s.faults, frame, side, s.seed)
+        gain = 1.0 + side * EXPOSURE_DIFFERENCE * s.exposure_difference
+        noise = s.noise * noise_factor(s.faults, frame)
+        picture = np.empty(grey.shape, np.uint8)
+        key = (s.seed * 1_000_003 + frame) * 2 + side
+        expose(grey, gain, VIGNETTING * s.vignetting, noise, key, noise_table(), BLUR, picture)
+        return picture
 
     def truth(self, frame: int) -> FrameTruth:
         """Dense disparity and labels of the left picture."""

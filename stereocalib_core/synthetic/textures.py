@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 MAX_LEVELS = 18
 _HALVES = 0.5 ** np.arange(MAX_LEVELS + 1)
+_INVERSE = 1.0 / np.maximum(np.arange(33), 1)
 
 
 @dataclass(frozen=True)
@@ -109,34 +110,46 @@ def bilinear(texels, offset, log_w, log_h, u, v):  # type: ignore[no-untyped-def
     return top + (r + (s - r) * a - top) * b
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type: ignore[no-untyped-def]
     """Filtered grey level of texture `tex` at u, v [texels of level 0].
 
     (ux, vx) and (uy, vy) are the steps of u, v over one pixel of the image in x and in y. Up to `max_taps`
-    taps lie along the longer axis of that footprint.
+    taps (at most 32) lie along the longer axis of that footprint; 0 = one tap of one level, for foliage.
     """
     x2 = ux * ux + vx * vx
     y2 = uy * uy + vy * vy
     if x2 > y2:
-        major2, minor2, au, av = x2, y2, ux, vx
+        major2, au, av = x2, ux, vx
     else:
-        major2, minor2, au, av = y2, x2, uy, vy
-    # the true minor axis of the footprint parallelogram: area over major axis
-    if major2 > 0.0:
-        area = ux * vy - uy * vx
-        minor2 = min(minor2, area * area / major2)
+        major2, au, av = y2, uy, vy
+    # the minor axis of the footprint parallelogram is its area over its major axis
+    area = abs(ux * vy - uy * vx) + 1e-12
+    ratio = major2 / area
     taps = 1
-    if max_taps > 1 and major2 > minor2 * 1.44:
-        ratio = math.sqrt(major2 / max(minor2, 1e-12))
+    if ratio > 1.2 and max_taps > 1:
         taps = min(int(ratio + 0.8), max_taps)
-    size2 = max(major2 / (taps * taps), minor2, 1e-12)
-    lod = 0.5 * math.log2(size2) if size2 > 1.0 else 0.0
+    size2 = max(major2 * _INVERSE[taps] * _INVERSE[taps], area / ratio)
+    low = 0
+    while size2 >= 4.0:
+        size2 *= 0.25
+        low += 1
+    # the level between two, log2 of the square root of what is left, to 0.003
+    blend = 0.0
+    if size2 > 1.0:
+        x = size2 - 1.0
+        blend = x * (0.6951 + x * (-0.2537 + x * (0.06757 - 0.00776 * x)))
     top = levels[tex] - 1
-    if lod >= top:
-        lod = top - 1e-6
-    low = int(lod)
-    blend = lod - low
+    if low >= top:
+        low = top - 1
+        blend = 1.0
+    if max_taps == 0:
+        # one tap of the nearer level: for foliage, where no one sees levels change
+        low = low + 1 if blend > 0.5 else low
+        o0, w0, h0 = table[tex, low, 0], table[tex, low, 1], table[tex, low, 2]
+        return bilinear(
+            texels, o0, w0, h0, u * _HALVES[table[tex, 0, 1] - w0], v * _HALVES[table[tex, 0, 2] - h0]
+        )
     w_full, h_full = table[tex, 0, 1], table[tex, 0, 2]
     o0, w0, h0 = table[tex, low, 0], table[tex, low, 1], table[tex, low, 2]
     o1, w1, h1 = table[tex, low + 1, 0], table[tex, low + 1, 1], table[tex, low + 1, 2]
@@ -149,7 +162,7 @@ def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type:
         return value
     su1, sv1 = _HALVES[w_full - w1], _HALVES[h_full - h1]
     total = 0.0
-    step = 1.0 / taps
+    step = _INVERSE[taps]
     shift = 0.5 * step - 0.5
     # taps take turns between the two levels, in the proportion of the blend
     carry = 0.5

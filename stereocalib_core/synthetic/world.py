@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 SUN = np.array([np.sin(0.9) * np.cos(0.75), -np.sin(0.75), np.cos(0.9) * np.cos(0.75)])
 """Direction to the sun."""
-AMBIENT, SUNLIGHT = 0.42, 1.5
+AMBIENT, SUNLIGHT = 0.42, 1.6
 _ONCOMING_M, _ONCOMING_SPEED = -3.55, 9.0
 _TRUCK_AHEAD_M = 2.3
 
