@@ -330,6 +330,34 @@ def test_real_lidar_turned_in_software(real_drive, axis: int, name: str, degrees
     assert [(s.axis, s.kind) for s in after.shifts] == [(name, "offset")]
 
 
+def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
+    real_drive, kitti_raw_0009: Path, tmp_path: Path
+) -> None:  # type: ignore[no-untyped-def]
+    from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint
+    from stereocalib_core.drive import analyse
+    from stereocalib_core.pipeline import FrontEndMemory
+    from stereocalib_core.sources import open_source
+
+    results = real_drive[1]
+    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", {})
+    for result in results:
+        checkpoint.append(Done(result, FrontEndMemory(None, None), 1.0))
+    checkpoint.close()
+    again_read = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", {})[0]]
+    for before, after in zip(results, again_read, strict=True):
+        assert before.lidar is not None and after.lidar is not None
+        assert before.lidar.values.tobytes() == after.lidar.values.tobytes()
+        assert before.lidar.covariance.tobytes() == after.lidar.covariance.tobytes()
+    drive_report = analyse(again_read, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).report
+    found = check(results, CONFIG)
+    assert found is not None and drive_report["lidar_check"] == found.as_report()
+    without = [dataclasses.replace(result, lidar=None) for result in results]
+    assert (
+        analyse(without, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).report["lidar_check"]
+        is None
+    )
+
+
 def test_a_scan_takes_little_time(real_drive) -> None:  # type: ignore[no-untyped-def]
     frames, results, T = real_drive
     times = []
