@@ -266,12 +266,20 @@ def _covariance_of(planar: Array, rotations: Array, origin: NDArray[np.int64]) -
     return np.asarray(jacobian @ planar @ np.swapaxes(jacobian, 1, 2))
 
 
+@njit(cache=True, nogil=True)
+def _rotations_of(motions: Array) -> Array:
+    """(N, 7) motions to (N, 3, 3)."""
+    result = np.empty((len(motions), 3, 3))
+    for i in range(len(motions)):
+        result[i] = rotation_from_vector(motions[i, :3])
+    return result
+
+
 def _planar_covariance(
     covariance: Array, motions: Array, rotations: Array, origin: NDArray[np.int64]
 ) -> Array:
     """(N, 6, 6) covariance of camera motions to the (N, 3, 3) of x, z, heading on the road."""
-    turned = np.stack([rotation_from_vector(w) for w in motions[:, :3]])
-    to_road = np.swapaxes(rotations[origin], 1, 2) @ np.swapaxes(turned, 1, 2)
+    to_road = np.swapaxes(rotations[origin], 1, 2) @ np.swapaxes(_rotations_of(motions), 1, 2)
     jacobian = np.zeros((len(motions), 3, 6))
     jacobian[:, :2, 3:] = to_road[:, [0, 2]]
     jacobian[:, 2, :3] = rotations[:, :, 1]
