@@ -27,6 +27,7 @@ from stereocalib_core import io
 from stereocalib_core.batch_summary import DriveOutcome, write_summary
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
+from stereocalib_core.output_folder import OutputFolder
 from stereocalib_core.sources import SourceKind, open_source, source_kind
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
@@ -71,7 +72,9 @@ def run_batch(
     config = settings.from_dict({} if method is None else {"method": method})
     specs = [_absolute(spec) for spec in specs]
     unusable = _unusable(specs)
-    _claim(out, overwrite)
+    folder = OutputFolder(out, (MARKER,), overwrite, resume=(out / MARKER).is_file())
+    folder.create()
+    io.write_json(out / MARKER, {"made_by": "stereocalib batch"})
     names = drive_names(specs)
     outcomes: dict[str, DriveOutcome] = {}
     waiting: list[tuple[str, str]] = []
@@ -84,12 +87,16 @@ def run_batch(
             waiting.append((spec, name))
     if progress:
         progress(len(outcomes), len(specs), "drives")
-    if waiting:
-        with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
-            for outcome in _submit(client, waiting, out, config, overwrite):
-                outcomes[outcome.name] = outcome
-                if progress:
-                    progress(len(outcomes), len(specs), "drives")
+    try:
+        if waiting:
+            with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
+                for outcome in _submit(client, waiting, out, config, overwrite):
+                    outcomes[outcome.name] = outcome
+                    if progress:
+                        progress(len(outcomes), len(specs), "drives")
+    except StereoCalibError:
+        folder.undo()
+        raise
     ordered = [outcomes[name] for name in names]
     write_summary(out, ordered)
     return _summary(ordered)
@@ -129,20 +136,6 @@ def _unusable(specs: Sequence[str]) -> dict[str, str]:
     if first is not None and len(reasons) == len(set(specs)):
         raise first
     return reasons
-
-
-def _claim(out: Path, overwrite: bool) -> None:
-    """Make the folder, or go on in one that an earlier batch made."""
-    try:
-        occupied = out.is_dir() and any(out.iterdir())
-        if occupied and not overwrite and not (out / MARKER).is_file():
-            raise OutputError("output folder is not empty", out, "name a new one or that of an earlier batch")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            "output folder cannot be made", out, error.strerror or "check its rights"
-        ) from error
-    io.write_json(out / MARKER, {"made_by": "stereocalib batch"})
 
 
 def drive_names(specs: Sequence[str]) -> list[str]:

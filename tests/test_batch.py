@@ -109,6 +109,10 @@ def test_only_bad_sources_leave_nothing(tmp_path: Path, capsys: pytest.CaptureFi
         run_batch([str(odometry_drive(tmp_path / "d"))], out)
     assert main(["batch", str(tmp_path / "none"), "--out", str(tmp_path / "new")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+    drive = str(odometry_drive(tmp_path / "e"))
+    assert main(["batch", drive, "--out", str(tmp_path / "new"), "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    assert "no Dask scheduler" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
 
 
 def part_of(sequence: Path, folder: Path, frames: int) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import signal
 import subprocess
@@ -19,7 +20,14 @@ from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.pipeline import FrontEndMemory
-from stereocalib_core.results import Check, FrameResult, RectificationSample, RoadEstimate, Tracks
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    RectificationSample,
+    RoadEstimate,
+    RoadResidual,
+    Tracks,
+)
 from stereocalib_core.run import CHECKPOINT, run_drive
 
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
@@ -43,6 +51,7 @@ def finished(index: int) -> Done:
         Tracks(rng.normal(size=(9, 6)).astype(np.float32), rng.random(9) > 0.5, index - 1),
         (Check("road", "slope", 0.1, None, 3.0, "px"),),
         MappingProxyType({"disparity": 12.5}),
+        RoadResidual(rng.normal(size=3), covariance, 4321),
     )
     return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
 
@@ -61,11 +70,37 @@ def same(a: Done, b: Done) -> bool:
         return [
             (r.frame, r.timestamp_s, r.road.extrinsics, r.road.inliers, r.road.free_fraction, r.road.range_m),
             (r.failure, r.free_fraction, r.inliers, r.tracks.previous, r.checks, dict(r.timing_ms)),
-            (r.rectification.matches, r.rectification.keystone_rad, done.memory.tracked, done.total_ms),
+            (
+                r.rectification.matches,
+                r.rectification.keystone_rad,
+                done.memory.tracked,
+                done.total_ms,
+                r.lidar.points,
+            ),
             *[(a.dtype.str, a.shape, a.tobytes()) for a in arrays if a is not None],
         ]
 
     return parts(a) == parts(b)
+
+
+def test_nothing_of_a_frame_is_forgotten() -> None:
+    """Fails when a result gets a new field that `finished` above, and so the checkpoint, does not know."""
+    known = finished(0)
+    parts = (
+        known,
+        known.memory,
+        known.result,
+        known.result.road,
+        known.result.rectification,
+        known.result.tracks,
+    )
+    for part in (*parts, known.result.lidar):
+        assert part is not None
+        for field in dataclasses.fields(part):
+            value = getattr(part, field.name)
+            if field.name != "failure":
+                assert value is not None, field.name
+                assert isinstance(value, np.ndarray) or value != field.default, field.name
 
 
 def test_frames_come_back_bit_for_bit(tmp_path: Path) -> None:
