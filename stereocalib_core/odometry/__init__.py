@@ -7,10 +7,12 @@ def warm_up() -> None:
     """Compile what this package compiles."""
     import numpy as np
 
-    from stereocalib_core.geometry import StereoCamera
+    from stereocalib_core.geometry import Extrinsics, StereoCamera
     from stereocalib_core.odometry.packing import pack_tracks
+    from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
     from stereocalib_core.odometry.trajectory import TrajectorySettings, trajectory
     from stereocalib_core.results import Tracks
+    from stereocalib_core.road.stages import DisparityMap
 
     camera = StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5)
     rng = np.random.default_rng(0)
@@ -19,5 +21,14 @@ def warm_up() -> None:
     points = np.stack([u, v, disparity, u, v + 1.0, disparity], axis=1).astype(np.float32)
     tracks = pack_tracks(camera, [None, Tracks(points, np.arange(80) < 50, 0)])
     extrinsics = np.array([[1.65, 0.0, 0.0, 0.0]] * 2)
-    for settings in (TrajectorySettings(), TrajectorySettings("planar"), TrajectorySettings("nonholonomic")):
+    changed = TrajectorySettings(pitch_error_rad=0.01)
+    for settings in (changed, TrajectorySettings("planar"), TrajectorySettings("nonholonomic")):
         trajectory(tracks, extrinsics, settings)
+
+    left = rng.integers(0, 255, (80, 160), dtype=np.uint8).repeat(4, axis=0).repeat(4, axis=1)
+    right = np.roll(left, -8, axis=1)
+    dense = DisparityMap(np.full((160, 320), 8.0, dtype=np.float32), 2)
+    state = TrackerState()
+    for index in range(3):
+        view = PairView(index, left, right, dense, Extrinsics(1.65, 0.0, 0.0))
+        state, _ = advance(camera, state, view)

@@ -136,8 +136,8 @@ def find_corners(
             ABOVE_ROAD_M / extrinsics.height_m,
         ]
     )
-    score = score[:rows, :columns]
-    values = values[:rows, :columns]
+    score = np.ascontiguousarray(score[:rows, :columns])
+    values = np.ascontiguousarray(values[:rows, :columns])
     least = 2e-6
     cell = (ROAD_CELL_PX[0] // 2, ROAD_CELL_PX[1] // 2)
     road = _best_of_cells(score, values, plane, cell, True, ROAD_TOLERANCE_PX + 0.5, limits, least)
