@@ -123,7 +123,8 @@ def markdown(result: dict[str, Any], repeats: int) -> str:
     lines = [
         "# LiDAR and camera by chessboard planes: the simulation of Zheng et al. (2018)",
         "",
-        f"{repeats} repeats per number of boards. Errors are spectral norms of the difference from the truth (eq. 8-10).",
+        f"{repeats} repeats per number of boards. Errors are spectral norms of the difference from the truth",
+        "(eq. 8-10).",
         "",
         "Assumed (table 1 and what it leaves open):",
         *[f"- {text};" for text in ASSUMPTIONS],

@@ -21,22 +21,24 @@ CAMERA = BoardCamera(
     "pinhole", 640, 480, np.array([[714.0, 0.0, 319.5], [0.0, 714.0, 239.5], [0.0, 0.0, 1.0]]), np.zeros(0)
 )
 ELEVATIONS_RAD = np.deg2rad(np.arange(-15.0, 16.0, 2.0))
-AZIMUTH_STEP_RAD = np.deg2rad(0.2)
-LEAST_POINTS = 30
-LEAST_INCIDENCE = 0.2
+AZIMUTH_STEP_RAD = np.deg2rad(0.4)
+LEAST_BEAMS = 3
+LEAST_INCIDENCE = 0.25
 RIGHT_FORWARD_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the paper's LiDAR axes (x right, y forward, z up) into those of a camera."""
 T_CAMERA_LIDAR = transform(
     rotation_from_vector(np.deg2rad([3.0, -2.0, 1.5])) @ RIGHT_FORWARD_UP, np.array([0.08, 0.15, -0.06])
 )
 ASSUMPTIONS = (
-    "camera 640x480 with a focal length of 714 px and no distortion, intrinsics known (the paper gives no focal length)",
-    "LiDAR axes x right, y forward, z up; 16 beams from -15 to 15 deg in steps of 2 deg, 0.2 deg in azimuth",
-    "board centre uniform in range 2-4 m, azimuth and elevation within 30 deg; roll within 30 deg, pitch within 90 deg, "
-    "yaw 60-120 deg of R = Rz(yaw) Ry(pitch) Rx(roll), normal = R e_z, each uniform",
-    "a board counts when all corners are in the picture, at least 30 LiDAR points are on it, and both sensors see it "
-    "steeper than 11.5 deg to its plane",
-    "noise: Gaussian, 0.5 px on each corner coordinate, 0.03 m on each range along its ray; the board's points are known",
+    "camera 640x480, focal length 714 px (the paper gives none), no distortion, intrinsics known",
+    "LiDAR axes x right, y forward, z up; 16 beams from -15 to 15 deg in steps of 2 deg, 0.4 deg in azimuth (the "
+    "paper says 0.1-0.4 deg)",
+    "board centre uniform in range 2-4 m, azimuth and elevation within 30 deg; roll within 30 deg, pitch within "
+    "90 deg, yaw 60-120 deg of R = Rz(yaw) Ry(pitch) Rx(roll), normal = R e_z, each uniform",
+    "a board counts when all corners are in the picture, at least 3 beams cross it, and neither sensor's line of "
+    "sight to it is flatter than 14.5 deg",
+    "noise: Gaussian, 0.5 px on each corner coordinate, 0.03 m on each range along its ray; which points are on the "
+    "board is known",
     "true transform: 0.08, 0.15, -0.06 m and a turn of 3, -2, 1.5 deg against parallel axes",
 )
 
@@ -85,7 +87,8 @@ def observe(
     if min(_incidence(T_camera_board), _incidence(T_lidar_board)) < LEAST_INCIDENCE:
         return None
     points = cast_rays(T_lidar_board)
-    if len(points) < LEAST_POINTS:
+    beams = np.unique(np.round(np.arcsin(points[:, 2] / np.linalg.norm(points, axis=1)), 3))
+    if len(beams) < LEAST_BEAMS:
         return None
     corners = corners + noise.corner_px * rng.standard_normal(corners.shape)
     reach = np.linalg.norm(points, axis=1, keepdims=True)
