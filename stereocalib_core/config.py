@@ -262,8 +262,8 @@ class RoadCheckConfig:
     """Points of one cell that reach over more than this are no road."""
     vote_points: int = 400
     vote_trials: int = 160
-    agree_height_m: float = 0.06
-    """A point agrees with a plane within this height."""
+    agree_height_m: float = 0.04
+    """A point agrees with a plane within this height; no plane fits road and kerb as closely."""
     min_agreement: float = 0.6
     """A smaller share of the lane's area on the plane is no road: a car ahead, a kerb."""
     tukey: float = 4.0
