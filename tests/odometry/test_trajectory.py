@@ -260,3 +260,26 @@ def test_a_variant_is_computed_at_the_touch_of_a_slider(drive: Drive) -> None:
         trajectory(drive.packed, drive.extrinsics, settings)
         times.append(time.process_time() - began)
     assert min(times) / FRAMES < 2 * 2 * 50e-3 / 1100
+
+
+def test_a_drive_that_never_shows_its_road_goes_on_by_points_above_it(drive: Drive) -> None:
+    tracks: list[Tracks | None] = [None]
+    for pair in drive.tracks[1:60]:
+        assert pair is not None
+        tracks.append(Tracks(pair.points[~pair.on_road], pair.on_road[~pair.on_road], pair.previous))
+    packed = pack_tracks(CAMERA, tracks, np.zeros(60, dtype=bool))
+    for settings in (TrajectorySettings(), TrajectorySettings("planar")):
+        result = trajectory(packed, np.full((60, 4), np.nan), settings)
+        assert result.gaps == ((1, 59),)
+        final = evaluate(result.poses, drive.poses[:60]).final_translation_percent
+        assert final is not None and final < 3.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+@pytest.mark.parametrize("model", ["full", "planar", "nonholonomic"])
+def test_drives_of_hardly_any_frames(count: int, model: str) -> None:
+    extrinsics = np.tile([1.65, 0.0, 0.0, 0.0], (count, 1))
+    result = trajectory(pack_tracks(CAMERA, [None] * count), extrinsics, TrajectorySettings(model=model))  # type: ignore[arg-type]
+    assert result.poses.shape == (count, 4, 4)
+    assert np.array_equal(result.poses, np.tile(np.eye(4), (count, 1, 1)))
+    assert result.gaps == (((1, 1),) if count == 2 else ())
