@@ -137,10 +137,11 @@ def lidar_camera(arguments: argparse.Namespace) -> str | None:
 
     _need_folder(arguments.folder)
     package = importlib.import_module("stereocalib_core.lidar_camera")
-    owned = ("calibration.json", "overlay_*.png", "*.png")
+    owned = ("calibration.json", "overlay_*.png", "boards.png", "iterations.png", "residuals.png")
     with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
+        stages = None if progress is None else lambda what, done, total: progress(done, total, what)
         result = package.run(
-            arguments.folder, out, arguments.pairs, arguments.exclude, arguments.cropped, progress
+            arguments.folder, out, arguments.pairs, arguments.exclude, arguments.cropped, stages
         )
     print(f"{arguments.out}/calibration.json")
     degenerate = result.observability.verdict == "degenerate"

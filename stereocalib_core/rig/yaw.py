@@ -67,6 +67,11 @@ class YawEstimate:
     straight: NDArray[np.bool_]
 
 
+def _sum_of_five(values: Array) -> Array:
+    """(N,) of each value and its two neighbours on either side; also for fewer than five values."""
+    return np.convolve(values, np.ones(5), "full")[2 : 2 + len(values)]
+
+
 def straight_pairs(
     distance_m: Array, heading_rad: Array, measured: NDArray[np.bool_], config: YawConfig
 ) -> NDArray[np.bool_]:
@@ -77,8 +82,9 @@ def straight_pairs(
     """
     moving = measured & (distance_m > config.min_travel_m)
     curvature = np.where(moving, heading_rad / np.where(moving, distance_m, 1.0), 0.0)
-    smooth = np.convolve(np.where(moving, curvature, 0.0), np.ones(5), "same")
-    smooth = smooth / np.maximum(np.convolve(moving.astype(float), np.ones(5), "same"), 1.0)
+    smooth = _sum_of_five(np.where(moving, curvature, 0.0)) / np.maximum(
+        _sum_of_five(moving.astype(float)), 1.0
+    )
     candidate = moving & (np.abs(smooth) < 1.0 / config.min_radius_m)
     result = np.zeros(len(candidate), dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], candidate.astype(int), [0]])))
