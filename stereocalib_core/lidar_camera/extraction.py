@@ -59,10 +59,14 @@ def board_at(
 
 
 def _own_tolerance(points: Array, plane: Plane, tolerance_m: float) -> float:
-    """Four sigmas of the board's own scatter, so that its noise is not cut off; strays keep to the median's side."""
+    """Three sigmas of the board's own scatter, grown from within, so that a hand or a coat near it adds nothing."""
     distance = np.abs(plane.signed_distance(points))
-    sigma = 1.4826 * float(np.median(distance[distance < 3.0 * tolerance_m]))
-    return float(np.clip(4.0 * sigma, 0.5 * tolerance_m, min(3.0 * tolerance_m, LOOSE_TOLERANCE_M)))
+    limit = tolerance_m
+    for _ in range(4):
+        inside = distance[distance < limit]
+        sigma = 1.4826 * float(np.median(inside)) if len(inside) else 0.0
+        limit = float(np.clip(3.0 * sigma, 0.5 * tolerance_m, 1.3 * limit))
+    return min(limit, 2.5 * tolerance_m, LOOSE_TOLERANCE_M)
 
 
 def _facing(normal: Array, center: Array) -> Plane:

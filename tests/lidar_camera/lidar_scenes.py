@@ -101,9 +101,9 @@ def room(sensor_height_m: float = 1.2) -> list[Rectangle]:
 
 
 def holder(T_lidar_board: Array, board: BoardSpec, sensor_height_m: float = 1.2) -> list[Rectangle]:
-    """Someone who stands beside the board and touches its edge, or a stand below it."""
-    side = T_lidar_board[:3, 3] + T_lidar_board[:3, 0] * (board.width_m / 2 + 0.2) + np.array([0.12, 0, 0])
-    return box((float(side[0]), float(side[1]), -sensor_height_m + 0.85), (0.25, 0.4, 1.7))
+    """Someone who stands beside the board, near its plane and nearly at its edge."""
+    side = T_lidar_board[:3, 3] + T_lidar_board[:3, 0] * (board.diagonal_m / 2 + 0.17)
+    return box((float(side[0]), float(side[1]), -sensor_height_m + 0.85), (0.25, 0.35, 1.7))
 
 
 def draw_pose(
