@@ -366,3 +366,21 @@ def test_a_scan_takes_little_time(real_drive) -> None:  # type: ignore[no-untype
         scan_residual(frames[0], results[0], T, CONFIG)
         times.append(time.perf_counter() - began)
     assert min(times) < 0.008
+
+
+# ---- the synthetic drive --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "pitch", "roll"), [("", 0.0, 0.0), ("&fault=lidar_knock:roll=0.5@0", 0.0, 0.5)]
+)
+def test_synthetic_lidar_agrees_until_it_is_knocked(fault: str, pitch: float, roll: float) -> None:
+    from stereocalib_core.pipeline import FrontEnd
+    from stereocalib_core.sources import open_source
+
+    source = open_source(f"synthetic:straight?lidar=1&frames=3{fault}")
+    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
+    residuals = [front_end.step(source[i]).lidar for i in range(3)]
+    values = np.median([r.values for r in residuals if r is not None], axis=0)
+    assert_within(np.abs(values[1:]) * DEGREE, [pitch, roll], 0.05)
+    assert abs(values[0]) < 0.01
