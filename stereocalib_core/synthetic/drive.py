@@ -67,7 +67,7 @@ def plan_drive(settings: DriveSettings) -> Drive:
         T_world_camera = _vehicle_poses(ground, motion.s_m[:frames], settings) @ T_vehicle_camera
     else:
         T_world_camera = poses[:frames]
-    extrinsics = _truth(ground, s_camera, T_world_camera, mount[:, 3])
+    extrinsics = _truth(ground, s_camera, T_world_camera, mount[:, 3], settings.lever_arm_m)
     return Drive(
         settings, course, ground, motion, motion.time_s[:frames], T_world_camera, extrinsics, s_camera
     )
@@ -142,10 +142,12 @@ def _camera_in_vehicle(mount: Array) -> Array:
     return T
 
 
-def _truth(ground: Ground, s_m: Array, T_world_camera: Array, yaw_rad: Array) -> Array:
-    """(N, 4) height, pitch, roll, yaw over the own lane's plane ahead of s."""
+def _truth(ground: Ground, s_m: Array, T_world_camera: Array, yaw_rad: Array, lever_arm_m: float) -> Array:
+    """(N, 4) height, pitch, roll, yaw over the own lane's plane ahead of cameras at s."""
+    heading = ground.course.at(ground.course.heading_rad, s_m - lever_arm_m)
+    planes = ground.lane_planes(T_world_camera[:, [0, 2], 3], heading, s_m)
     rows = []
-    for normal, offset, T, yaw in zip(*ground.lane_planes(s_m), T_world_camera, yaw_rad, strict=True):
+    for normal, offset, T, yaw in zip(*planes, T_world_camera, yaw_rad, strict=True):
         e = Extrinsics.from_plane(Plane(normal, offset).transformed(invert_transform(T)), float(yaw))
         rows.append((e.height_m, e.pitch_rad, e.roll_rad, e.yaw_rad))
     return np.array(rows)

@@ -87,14 +87,49 @@ class Ground:
         s, t = np.broadcast_arrays(np.asarray(s_m, dtype=np.float64), np.asarray(t_m, dtype=np.float64))
         return self._at_vertices(s, t, self.extra_height(s, t))
 
-    def lane_planes(self, s_m: Array) -> tuple[Array, Array]:
-        """The planes that least-squares fit the own lane ahead of s (N,): unit normals (N, 3) down, offsets (N,)."""
-        ahead = _middles(FIT_NEAR_M, FIT_FAR_M, 48)[None, :, None]
-        across = _middles(-LANE_EDGE_M, LANE_EDGE_M, 20)[None, None, :]
-        points = self.surface(s_m[:, None, None] + ahead, across).reshape(len(s_m), -1, 3)
-        center = points.mean(axis=1)
+    def coordinates(self, points_xz: Array, s_start_m: Array) -> tuple[Array, Array]:
+        """s, t of ground points (..., 2), looked for from `s_start_m` (...) on, at most 30 m away from there."""
+        course = self.course
+        s = s_start_m.copy()
+        t = np.zeros_like(s)
+        for _ in range(6):
+            heading = course.at(course.heading_rad, s)
+            line = course.points(s)
+            dx, dz = points_xz[..., 0] - line[..., 0], points_xz[..., 1] - line[..., 2]
+            along = dx * np.sin(heading) + dz * np.cos(heading)
+            t = dx * np.cos(heading) - dz * np.sin(heading)
+            # a step of s moves a point at offset t by 1 - curvature t
+            lever = np.maximum(1.0 - course.at(course.curvature, s % self._lap) * t, 0.4)
+            s = np.clip(s + along / lever, s_start_m - 30.0, s_start_m + 30.0)
+        return s, t
+
+    @property
+    def _lap(self) -> float:
+        return self.course.length_m if self.course.closed else np.inf
+
+    def lane_planes(self, camera_xz: Array, heading_rad: Array, s_m: Array) -> tuple[Array, Array]:
+        """The planes that least-squares fit the own lane ahead of cameras, |X| <= 1.75 m and 4-20 m ahead.
+
+        camera_xz (N, 2) in the world, heading_rad (N,) of travel, s_m (N,). Where the road bends away, what is
+        still road counts. Unit normals (N, 3) pointing down and offsets (N,).
+        """
+        z = _middles(FIT_NEAR_M, FIT_FAR_M, 32)[None, :, None]
+        x = _middles(-LANE_EDGE_M, LANE_EDGE_M, 14)[None, None, :]
+        sine, cosine = np.sin(heading_rad)[:, None, None], np.cos(heading_rad)[:, None, None]
+        world_x = camera_xz[:, 0, None, None] + z * sine + x * cosine
+        world_z = camera_xz[:, 1, None, None] + z * cosine - x * sine
+        start = np.broadcast_to(s_m[:, None, None] + z, world_x.shape)
+        s, t = self.coordinates(np.stack([world_x, world_z], axis=-1), start)
+        points = self.surface(s, t)
+        points[..., 0], points[..., 2] = world_x, world_z
+        points = points.reshape(len(s_m), -1, 3)
+        weight = (
+            np.ones(t.shape) if self.flat else ((t > LEFT_KERB_M) & (t < RIGHT_KERB_M)).astype(np.float64)
+        )
+        weight = weight.reshape(len(s_m), -1, 1)
+        center = (weight * points).sum(axis=1) / weight.sum(axis=1)
         rest = points - center[:, None]
-        _, axes = np.linalg.eigh(np.einsum("nij,nik->njk", rest, rest))
+        _, axes = np.linalg.eigh(np.einsum("nij,nik->njk", weight * rest, rest))
         normals = axes[:, :, 0] * np.where(axes[:, 1:2, 0] > 0, 1.0, -1.0)
         return normals, np.sum(normals * center, axis=1)
 

@@ -48,7 +48,7 @@ def test_warped_right_is_left_where_both_see_it(town: SyntheticSource) -> None:
 
 def test_truth_is_the_plane_of_the_own_lane(town: SyntheticSource) -> None:
     drive = town.studio.drive
-    for i in (5, 60, 100):
+    for i in (5, 20, 40):
         s = drive.s_m[i] + np.linspace(FIT_NEAR_M, FIT_FAR_M, 60)[:, None]
         points = drive.ground.surface(s, np.linspace(-1.7, 1.7, 21)[None, :]).reshape(-1, 3)
         T = invert_transform(drive.T_world_camera[i])
