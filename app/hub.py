@@ -40,6 +40,7 @@ class Hub:
         server.initial_camera.position = (-6.0, -6.0, -9.5)
         server.initial_camera.look_at = (0.9, 4.4, 4.5)
         server.initial_camera.up = (0.0, -1.0, 0.0)
+        server.scene.configure_default_lights(cast_shadow=False)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(MAIN_WIDTH_PX)
         hotkeys.register(server.gui, self.page_of)

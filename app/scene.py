@@ -17,8 +17,11 @@ from app import palette
 from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform
 
 Array = NDArray[np.float64]
-_LATERAL_M = np.arange(-6.0, 6.1, 1.5)
-_AHEAD_M = np.arange(0.0, 45.1, 5.0)
+_LATERAL_M = np.array([-6.0, -1.75, 1.75, 6.0])
+_AHEAD_M = np.arange(0.0, 40.1, 5.0)
+_FINE_X_M, _FINE_Z_M = np.arange(-6.0, 6.1, 1.0), np.arange(0.0, 40.1, 1.0)
+_FINE_RGB = (52, 92, 84)
+_AXES_RGB = np.array([[230, 80, 60], [60, 180, 80], [80, 130, 240]], dtype=np.uint8)
 _OCTAHEDRON = 0.28 * np.array(
     [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32
 )
@@ -27,9 +30,10 @@ _OCTAHEDRON_FACES = np.array(
 )
 
 
-def _road_lines() -> NDArray[np.float32]:
-    along = [[[x, 0, _AHEAD_M[0]], [x, 0, _AHEAD_M[-1]]] for x in _LATERAL_M]
-    across = [[[_LATERAL_M[0], 0, z], [_LATERAL_M[-1], 0, z]] for z in _AHEAD_M]
+def _grid(x_m: Array, z_m: Array) -> NDArray[np.float32]:
+    """(N, 2, 3) segments of a grid on the road."""
+    along = [[[x, 0, z_m[0]], [x, 0, z_m[-1]]] for x in x_m]
+    across = [[[x_m[0], 0, z], [x_m[-1], 0, z]] for z in z_m]
     return np.array(along + across, dtype=np.float32)
 
 
@@ -50,22 +54,29 @@ class Scene:
         self.root = scene.add_frame(root, show_axes=False)
         self._car = scene.add_frame(f"{root}/car", show_axes=False)
         self._road = scene.add_line_segments(
-            f"{root}/car/road", _road_lines(), palette.RULE, thickness=1.5, thickness_units="screen"
+            f"{root}/car/road",
+            _grid(_LATERAL_M, _AHEAD_M),
+            palette.ROAD,
+            thickness=1.5,
+            thickness_units="screen",
         )
-        corners = np.array(
-            [[x, 0.0, z] for x in (_LATERAL_M[0], _LATERAL_M[-1]) for z in (_AHEAD_M[0], _AHEAD_M[-1])]
+        # Lines, not a surface: a transparent mesh of this size takes seconds a frame without a graphics card.
+        self._fine = scene.add_line_segments(
+            f"{root}/car/fine",
+            _grid(_FINE_X_M, _FINE_Z_M),
+            _FINE_RGB,
+            thickness=1.0,
+            thickness_units="screen",
         )
-        self._surface = scene.add_mesh_simple(
-            f"{root}/car/surface",
-            corners,
-            np.array([[0, 1, 3], [0, 3, 2]]),
-            color=palette.ROAD,
-            opacity=0.28,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
+        self._mount = scene.add_frame(f"{root}/car/camera", show_axes=False)
+        ends = 0.5 * np.stack([np.zeros((3, 3)), np.eye(3)], axis=1)
+        scene.add_line_segments(
+            f"{root}/car/camera/axes",
+            ends,
+            np.repeat(_AXES_RGB[:, None], 2, axis=1),
+            thickness=3.0,
+            thickness_units="screen",
         )
-        self._mount = scene.add_frame(f"{root}/car/camera", axes_length=0.5, axes_radius=0.02)
         self._frustum = scene.add_camera_frustum(
             f"{root}/car/camera/frustum",
             fov=float(2 * np.arctan2(camera.height / 2, camera.focal_px)),
@@ -97,7 +108,7 @@ class Scene:
     def show_road(self, extrinsics: Extrinsics | None, caption: str) -> None:
         """Put the camera over the road; without an estimate the road disappears."""
         known = extrinsics is not None
-        for node in (self._road, self._surface, self._plumb):
+        for node in (self._road, self._fine, self._plumb):
             node.visible = known
         self._label.text = caption
         if extrinsics is not None:
@@ -162,11 +173,12 @@ class Scene:
         node.colors = np.asarray(color, dtype=np.uint8)
         node.visible = visible
 
-    def show_markers(self, positions: Array) -> Any | None:
+    def show_markers(self, positions: Array, visible: bool) -> Any | None:
         """(N, 3) clickable poses; the node where it is new, else None."""
         wxyzs = np.tile([1.0, 0.0, 0.0, 0.0], (len(positions), 1))
         held = np.nan_to_num(positions)
         if self._markers is not None:
+            self._markers.visible = visible
             self._markers.batched_wxyzs = wxyzs.astype(np.float32)
             self._markers.batched_positions = held.astype(np.float32)
             return None
@@ -177,8 +189,11 @@ class Scene:
             wxyzs,
             held,
             batched_colors=palette.VARIANT["autocalibrated"],
+            wireframe=True,
+            lod="off",
             cast_shadow=False,
             receive_shadow=False,
+            visible=visible,
         )
         return self._markers
 

@@ -41,8 +41,16 @@ class ScenePart:
 
     def show_paths(self, moment: Moment) -> None:
         """Redraw the paths where they, or what is shown of them, changed."""
-        state = (moment.paths, moment.settings.paths, moment.settings.color_by_error, moment.compared)
-        if len(self._shown_paths) == 4 and all(a is b for a, b in zip(state, self._shown_paths, strict=True)):
+        state = (
+            moment.paths,
+            moment.settings.paths,
+            moment.settings.color_by_error,
+            moment.settings.markers,
+            moment.compared,
+        )
+        if len(self._shown_paths) == len(state) and all(
+            a is b for a, b in zip(state, self._shown_paths, strict=True)
+        ):
             return
         positions = {name: poses[:, :3, 3] for name, poses in moment.paths.poses.items()}
         compared = moment.compared
@@ -54,16 +62,16 @@ class ScenePart:
             if errors is not None:
                 colors["autocalibrated"] = error_colors(errors, len(positions["autocalibrated"]))
         self.scene.show_paths(positions, moment.settings.paths, colors)
-        self._show_markers(positions.get("autocalibrated"))
+        self._show_markers(positions.get("autocalibrated"), moment.settings.markers)
         self._shown_paths = state
 
-    def _show_markers(self, positions: NDArray[np.float64] | None) -> None:
+    def _show_markers(self, positions: NDArray[np.float64] | None, visible: bool) -> None:
         """Pose markers, at most MARKERS of them; a click goes to the frame."""
         if positions is None or len(positions) == 0:
             return
         step = max(1, int(np.ceil(len(positions) / MARKERS)))
         frames = tuple(range(0, len(positions), step))
-        node = self.scene.show_markers(positions[list(frames)])
+        node = self.scene.show_markers(positions[list(frames)], visible)
         self._marked = frames
         if node is None:
             return

@@ -42,6 +42,7 @@ class Settings:
     corrections: Corrections = Corrections()
     follow: bool = True
     cloud: bool = True
+    markers: bool = False
     color_by_error: bool = False
     teach_step: int = 0
     broken_stage: str = ""

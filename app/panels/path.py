@@ -41,6 +41,10 @@ class PathPanel:
             "Follow the car", True, hint="Keep the car in view; off shows the whole drive."
         )
         self._cloud = gui.add_checkbox("Point cloud", True, hint="The coloured points of this pair.")
+        self._markers = gui.add_checkbox(
+            "Pose markers", False, hint="A click on a marker goes to its frame. Slow without a graphics card."
+        )
+        page.on_input(self._markers, lambda value: page.change(markers=value))
         self._error = gui.add_checkbox(
             "Colour by error", False, hint="Colours the autocalibrated path by its distance from the truth."
         )
@@ -56,6 +60,7 @@ class PathPanel:
         """Show what is set, and the table."""
         if moment.settings_changed:
             self._follow.value, self._cloud.value = moment.settings.follow, moment.settings.cloud
+            self._markers.value = moment.settings.markers
             self._error.value = moment.settings.color_by_error
             for name, handle in self._shown.items():
                 handle.value = moment.settings.paths.get(name, True)

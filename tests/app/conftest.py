@@ -60,7 +60,7 @@ def hub_06(kitti_06: Path, data_dir: Path) -> Iterator[Hub]:
 
 @pytest.fixture(scope="session")
 def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A headless Chromium (a playwright browser context) at 1280x720."""
+    """A headless Chromium (a playwright browser context) at 1200x660."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -68,7 +68,7 @@ def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
             str(tmp_path_factory.mktemp("chromium")),
             executable_path=chromium_path,
             args=list(FLAGS),
-            viewport={"width": 1280, "height": 720},
+            viewport={"width": 1200, "height": 660},
             accept_downloads=True,
         )
         context.set_default_timeout(15_000)

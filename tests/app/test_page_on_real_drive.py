@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from conftest import shown_frame, until  # type: ignore[import-not-found]
+from conftest import shown_frame, until
 
 from app.hub import Hub
 
@@ -23,7 +23,7 @@ def test_frames_advance_and_estimates_change(fresh: Hub, open_page: Any) -> None
     assert until(lambda: shown_frame(page) == 0, what="first frame in the browser")
     first = numbers(page)
     assert re.search(r"1\.[5-7]\d\d ± 0\.0", first), first
-    page.get_by_role("button", name="play", exact=True).click()
+    page.get_by_role("button", name="play", exact=True).click(force=True)
     until(lambda: shown_frame(page) >= 5, what="playback")
     assert numbers(page) != first
     until(lambda: not fresh.shared.playback.state.playing, what="end of the drive")
@@ -33,9 +33,9 @@ def test_frames_advance_and_estimates_change(fresh: Hub, open_page: Any) -> None
 
 def test_step_scrub_and_exact_entry(fresh: Hub, open_page: Any) -> None:
     page = open_page(fresh)
-    page.get_by_role("button", name="step ▶").click()
+    page.get_by_role("button", name="step ▶").click(force=True)
     until(lambda: shown_frame(page) == 1, what="step")
-    page.get_by_role("button", name="◀ step").click()
+    page.get_by_role("button", name="◀ step").click(force=True)
     until(lambda: shown_frame(page) == 0, what="step back")
     entry = page.locator(".mantine-NumberInput-input").first
     entry.fill("13")
