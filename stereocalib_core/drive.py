@@ -100,7 +100,7 @@ def analyse(
         "yaw_reason": yaw.reason,
         "rectification": rectification.as_report(),
         "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
-        "gaps": [list(gap) for gap in best.gaps],
+        "gaps": [[results[row].frame for row in gap] for gap in best.gaps],
         "shifts": [shift.as_report() for shift in shifts],
         "lidar_check": None if lidar is None else lidar.as_report(),
     }

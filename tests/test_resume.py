@@ -278,3 +278,17 @@ def test_a_drive_of_failures_resumes_too(tmp_path: Path) -> None:
         run_drive(str(drive), out, progress=kill)
     run_drive(str(drive), out, resume=True)
     assert (out / "extrinsics.csv").read_bytes() == (whole / "extrinsics.csv").read_bytes()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_drives_of_a_few_frames(tmp_path: Path, kitti_03: Path, count: int) -> None:
+    report = run_drive(str(kitti_03), tmp_path, (20, 20 + count))
+    assert report["frames"] == count
+    assert len((tmp_path / "trajectory.txt").read_text().splitlines()) == count
+
+
+def test_gaps_are_named_by_the_frames_of_the_drive(tmp_path: Path) -> None:
+    drive = odometry_drive(tmp_path / "d", frames=8)
+    report = run_drive(str(drive), tmp_path / "out", (3, 7))
+    assert report["frames_ok"] == 0
+    assert [report["gaps"][0][0] >= 3, report["gaps"][-1][1]] == [True, 6]
