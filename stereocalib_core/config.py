@@ -27,10 +27,10 @@ class DisparityConfig:
     scale: Literal[1, 2] = 2
     max_disparity_px: int = 128
     """Largest disparity searched, in full-resolution pixels."""
-    block_size: int = 5
-    small_step_penalty: int = 24
+    block_size: int = 3
+    small_step_penalty: int = 8
     """SGBM's P1. The matcher's downward pass drags each row towards the disparity of the row above, and a road
-    grows nearer row by row: the usual 200 costs 0.25 px of disparity (0.06 deg of pitch), 24 costs 0.02 px."""
+    grows nearer row by row: the usual 200 costs 0.25 px of disparity (0.06 deg of pitch), 8 costs 0.02 px."""
     large_step_penalty: int = 600
     """SGBM's P2."""
     min_valid_fraction: float = 0.10
@@ -72,6 +72,8 @@ class ProfileConfig:
     tolerance_px: float = 1.0
     rounds: int = 6
     min_inliers: int = 300
+    min_support: float = 0.2
+    """A smaller share of the free cells ahead on the profile: NO_ROAD."""
     roll_half_width_m: float = 3.0
     """Roll needs width more than the profile does: cells this far to the side vote."""
     roll_min_disparity_px: float = 20.0
@@ -171,13 +173,13 @@ class LaneConfig:
     """Where the road bends away, the plane of the nearer part up to here is tried."""
     half_width_m: float = 1.75
     agree_height_m: float = 0.06
-    agree_px: float = 0.8
+    agree_px: float = 0.9
     """A cell agrees within this height or this disparity, whichever is more."""
     min_covered: float = 0.3
     """Less of the lane free: NO_ROAD."""
-    min_agreement: float = 0.82
+    min_agreement: float = 0.8
     """Less of the free lane on the plane: NOT_PLANAR."""
-    min_agreement_near: float = 0.85
+    min_agreement_near: float = 0.83
     min_agreeing_cells: int = 200
 
 
@@ -233,7 +235,7 @@ class ShiftAlarmConfig:
 
     least_angle_deg: float = 0.15
     least_height_m: float = 0.015
-    threshold: float = 5.3
+    threshold: float = 4.9
     """A step must be so many times its standard deviation."""
     noise_angle_deg: float = 0.015
     """Least 1 sigma of what one frame brings that the frames before it did not show."""

@@ -140,6 +140,13 @@ def _paper_on_lane(
     if fit is None:
         return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the free map")
     attempt.values["paper"] = fit
+    if not attempt.check(
+        "profile", "share on the profile", fit.profile.support, low=config.profile.min_support
+    ):
+        return Failure(
+            FailureReason.NO_ROAD,
+            f"{fit.profile.support:.0%} of the free cells ahead on one profile, needs {config.profile.min_support:.0%}",
+        )
     # A plane outside the limits has no lane to count.
     out_of_range = limits_failure(fit.extrinsics, np.zeros(3), config.limits)
     support = lane.measure(disparity, free, camera, fit.extrinsics, limits.far_m, limits)

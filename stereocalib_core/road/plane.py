@@ -299,7 +299,10 @@ def _unevenness(residual: Float, noise: Float, road: Float, robust: Float, confi
     excess = (residual[keep] ** 2 - noise[keep]) / road[keep]
     # weights by the precision of each patch's own excess
     w = 1.0 / (noise[keep] / road[keep] + config.initial_unevenness_m**2) ** 2
-    return float(np.sqrt(max(np.sum(w * excess) / np.sum(w), 0.0)))
+    mean = np.sum(w * excess) / np.sum(w)
+    # What the noise alone would give is not unevenness: two standard errors are taken off.
+    error = np.sqrt(np.sum(2.0 * (w * noise[keep] / road[keep]) ** 2)) / np.sum(w)
+    return float(np.sqrt(max(mean - 2.0 * error, 0.0)))
 
 
 def _covariance(
@@ -318,6 +321,6 @@ def _covariance(
     w = robust / variance
     H_inv = np.linalg.inv((J * w[:, None]).T @ J)
     chi2 = float(np.sum(robust * residual**2 / (noise + unevenness**2 * road)) / np.sum(robust))
-    true_variance = max(chi2, 1.0) * (noise + unevenness**2 * road * shared)
+    true_variance = max(chi2, 0.3) * (noise + unevenness**2 * road * shared)
     meat = (J[keep] * (w[keep] ** 2 * true_variance[keep])[:, None]).T @ J[keep]
     return config.covariance_factor * H_inv @ meat @ H_inv

@@ -199,14 +199,18 @@ def _slopes_at_fixed_disparity(
     d_max: float,
     tolerance_px: float,
     trials: int,
+    bin_px: int,
 ) -> tuple[Float, Float, NDArray[np.int64]]:
-    """Eq. 12: for each whole disparity the slope of v = C (u - cx) + c, its variance and its support."""
-    first, last = int(np.ceil(d_min)), int(d_max)
+    """Eq. 12 at each whole disparity of the matcher's grid, `bin_px` apart.
+
+    Returns the slope of v = C (u - cx) + c, its variance and its support (NaN, inf, 0 where there is none).
+    """
+    first, last = int(np.ceil(d_min / bin_px)), int(d_max / bin_px)
     count = max(last - first + 1, 0)
     slopes, variances, support = np.full(count, np.nan), np.full(count, np.inf), np.zeros(count, np.int64)
     starts = np.zeros(count + 1, np.int64)
     for k in range(len(d)):
-        b = int(np.floor(d[k] + 0.5)) - first
+        b = int(np.floor(d[k] / bin_px + 0.5)) - first
         if 0 <= b < count:
             starts[b + 1] += 1
     for b in range(count):
@@ -214,13 +218,11 @@ def _slopes_at_fixed_disparity(
     fill = starts.copy()
     x, y = np.empty(starts[count]), np.empty(starts[count])
     for k in range(len(d)):
-        b = int(np.floor(d[k] + 0.5)) - first
+        b = int(np.floor(d[k] / bin_px + 0.5)) - first
         if 0 <= b < count:
             x[fill[b]] = u[k] - cx
             # Moves each cell along the profile to the bin's own disparity.
-            y[fill[b]] = (
-                v[k] - profile_slope * (d[k] - (b + first)) - (intercept + profile_slope * (b + first))
-            )
+            y[fill[b]] = v[k] - intercept - profile_slope * d[k]
             fill[b] += 1
     np.random.seed(2)  # noqa: NPY002 - numba knows only the legacy generator
     for b in range(count):
@@ -272,12 +274,12 @@ def _slopes_at_fixed_disparity(
 
 
 def vote_roll(
-    u: Float, v: Float, d: Float, profile: Profile, camera: StereoCamera, config: ProfileConfig
+    u: Float, v: Float, d: Float, step_px: int, profile: Profile, camera: StereoCamera, config: ProfileConfig
 ) -> RollVote | None:
     """Eq. 12 at every whole disparity of the near range; robust weighted mean of the slopes; None without votes."""
     slopes, variances, support = _slopes_at_fixed_disparity(
         u, v, d, camera.cx_px, profile.slope, profile.intercept_px,
-        config.roll_min_disparity_px, float(d.max(initial=0.0)), config.roll_tolerance_px, config.roll_trials,
+        config.roll_min_disparity_px, float(d.max(initial=0.0)), config.roll_tolerance_px, config.roll_trials, step_px,
     )  # fmt: skip
     good = np.isfinite(slopes)
     if not good.any():
@@ -332,10 +334,12 @@ def fit_paper(
 
     `single_pass` keeps the paper's order: pitch and height from the first profile. None without a road.
     """
-    u, v, d = collect(
+    wide = collect(
         disparity.values, mask, disparity.step_px, camera.cx_px,
-        config.corridor_half_width_m / camera.baseline_m, config.min_disparity_px,
+        config.roll_half_width_m / camera.baseline_m, config.min_disparity_px,
     )  # fmt: skip
+    inside = np.abs(wide[0] - camera.cx_px) * camera.baseline_m <= config.corridor_half_width_m * wide[2]
+    u, v, d = (array[inside] for array in wide)
     start = search_profile(u, v, d, camera, config)
     if start is None:
         return None
@@ -344,7 +348,7 @@ def fit_paper(
     first = fit_profile(search, d, (slope, intercept), config.search_relative_tolerance, config)
     if first is None:
         return None
-    roll = vote_roll(u, v, d, first, camera, config)
+    roll = vote_roll(*wide, disparity.step_px, first, camera, config)
     pitch = extrinsics_from_profile(camera, first.slope, first.intercept_px).pitch_rad
     roll_rad = 0.0 if roll is None else roll_from_slope(roll.slope, pitch)
     profile = first
