@@ -31,7 +31,7 @@ def points_on_plane(clouds: Sequence[Array], normals_camera: Array, offsets_came
     rows, targets = [], []
     for points, normal, offset in zip(clouds, normals_camera, offsets_camera, strict=True):
         # The triangular factor of the board's points poses the same least squares in four rows.
-        factor = np.linalg.qr(np.column_stack([points, np.ones(len(points))]), mode="r")
+        factor: Array = np.asarray(np.linalg.qr(np.column_stack([points, np.ones(len(points))]), mode="r"))
         rows.append(np.hstack([np.kron(normal, factor[:, :3]), np.outer(factor[:, 3], normal)]))
         targets.append(factor[:, 3] * offset)
     solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(targets), rcond=None)[0]

@@ -19,7 +19,7 @@ MOST_SEEDS = 6000
 SECTORS = 8
 LEAST_PATCH = 8
 LEAST_SCORE = 0.5
-LEAST_INCIDENCE = 0.12
+LEAST_INCIDENCE, EDGE_ON_INCIDENCE = 0.12, 0.06
 MOST_CANDIDATES = 8
 
 
@@ -77,6 +77,18 @@ def candidate_of_cropped(points: Array, board: BoardSpec) -> BoardCandidate | No
         return None
     plane, mean = plane_through(inliers)
     return BoardCandidate(plane, fit_outline(inliers, plane, mean, board, tolerance), tolerance)
+
+
+def edge_on_board(points: Array, board: BoardSpec) -> bool:
+    """Whether a free-standing flat patch lies in a plane through the LiDAR's own origin: a board held edge-on."""
+    near = _one_per_voxel(thin_rays(points), board.short_side_m / 12)
+    seeds = _one_per_voxel(near, 0.25 * board.short_side_m)
+    seeds = seeds[np.random.default_rng(0).permutation(len(seeds))[:MOST_SEEDS]]
+    means, normals, flatness, breadth = _patches(near, cKDTree(near), seeds, 0.5 * board.short_side_m)
+    reach = np.linalg.norm(means, axis=1)
+    through = np.abs(np.sum(normals * means, axis=1)) < EDGE_ON_INCIDENCE * reach
+    chosen = through & (breadth > 0.15 * board.short_side_m) & (flatness < 0.05 * board.short_side_m)
+    return bool(_stands_free(near, means[chosen], normals[chosen], board, 0.05).any())
 
 
 def thin_rays(points: Array) -> Array:

@@ -157,7 +157,7 @@ def polish_pose(
         return None
     for _ in range(30):
         error, J = residual
-        step = -np.linalg.lstsq(J, error, rcond=None)[0]
+        step: Array = np.asarray(-np.linalg.lstsq(J, error, rcond=None)[0], dtype=np.float64)
         for _ in range(8):
             candidate = apply_twist(step, T)
             moved = corner_residuals(camera, corners, model, candidate)
@@ -174,7 +174,8 @@ def polish_pose(
     information = J.T @ J
     if np.linalg.cond(information) > 1e14:
         return None
-    return T, np.linalg.inv(information), float(np.sqrt(cost / len(corners)))
+    covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return T, covariance, float(np.sqrt(cost / len(corners)))
 
 
 def corner_residuals(

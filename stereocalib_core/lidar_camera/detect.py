@@ -14,7 +14,12 @@ import numpy as np
 
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, invert_transform
-from stereocalib_core.lidar_camera.board_search import BoardCandidate, candidate_of_cropped, find_candidates
+from stereocalib_core.lidar_camera.board_search import (
+    BoardCandidate,
+    candidate_of_cropped,
+    edge_on_board,
+    find_candidates,
+)
 from stereocalib_core.lidar_camera.boards import board_pose, find_corners, plane_of_board
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.cloud_files import read_cloud
@@ -22,6 +27,7 @@ from stereocalib_core.lidar_camera.consensus import Candidates, agree
 from stereocalib_core.lidar_camera.extraction import board_at
 from stereocalib_core.lidar_camera.folder import BoardFolder, read_picture
 from stereocalib_core.lidar_camera.intrinsics import estimate_camera
+from stereocalib_core.lidar_camera.observability import edge_on_words
 from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.lidar_camera.planes import fit_plane
 
@@ -175,7 +181,7 @@ def _choose(
     observations = [each.observation for each in posed]
     agreement = agree(flat, len(posed), 0.35 * board.short_side_m)
     if agreement is None:
-        return [_refused(o, "no board in the cloud") if o.ok else o for o in observations]
+        return [_without_board(each, "no board in the cloud", board) for each in posed]
     tolerance = float(np.median([c.tolerance_m for candidates in found for c in candidates]))
     T, chosen = agreement.T_camera_lidar, agreement.chosen
     for _ in range(2):
@@ -195,8 +201,18 @@ def _choose(
             result.append(observation)
             continue
         lone = _lone_candidate(pair, int(chosen[pair] - starts[pair]), posed, found, T)
-        result.append(observation if lone is None else _measure_candidate(each, lone, board))
+        if lone is None:
+            result.append(_without_board(each, observation.reason, board))
+        else:
+            result.append(_measure_candidate(each, lone, board))
     return result
+
+
+def _without_board(each: _Loaded, reason: str, board: BoardSpec) -> PairObservation:
+    """Refused, unless it was before; a board held edge-on to the LiDAR is called that."""
+    if not each.observation.ok:
+        return each.observation
+    return _refused(each.observation, edge_on_words("LiDAR") if edge_on_board(each.points, board) else reason)
 
 
 def _of_observations(observations: list[PairObservation]) -> Candidates:

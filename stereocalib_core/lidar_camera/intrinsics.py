@@ -51,7 +51,9 @@ def _pinhole(
     pixels = [c.astype(np.float32).reshape(-1, 1, 2) for c in corners]
     try:
         rms, K, D, _, _ = cv2.calibrateCamera(model, pixels, size, np.eye(3), np.zeros(5), flags=flags)
-        return BoardCamera("pinhole", size[0], size[1], K, np.asarray(D).reshape(-1)[:5]), float(rms)
+        return BoardCamera(
+            "pinhole", size[0], size[1], np.array(K, float), np.array(D, float).reshape(-1)[:5]
+        ), float(rms)
     except cv2.error as error:
         raise SourceError(
             "camera cannot be estimated", "camera.yaml", "tilt the boards more, or give K and D"
@@ -69,4 +71,6 @@ def _fisheye(
         )
     except cv2.error:
         return None
-    return BoardCamera("fisheye", size[0], size[1], K, np.asarray(D).reshape(-1)[:4]), float(rms)
+    return BoardCamera(
+        "fisheye", size[0], size[1], np.array(K, float), np.array(D, float).reshape(-1)[:4]
+    ), float(rms)

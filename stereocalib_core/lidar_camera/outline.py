@@ -81,8 +81,8 @@ def fit_outline(points: Array, plane: Plane, start: Array, board: BoardSpec, tol
     square = abs(board.width_m - board.height_m) < 0.02 * board.short_side_m
     turn = np.pi / 2 if square else np.pi
     steps = 9 if square else 18
-    angles = np.arange(steps) * turn / steps
-    shifts = np.arange(-2, 3) * 0.09 * board.short_side_m
+    angles: Array = np.arange(float(steps)) * turn / steps
+    shifts: Array = np.arange(-2.0, 3.0) * 0.09 * board.short_side_m
     center, angle, score = np.zeros(2), 0.0, -1.0
     for spread, most in ((1.0, COARSE_RAYS), (0.35, FINE_RAYS), (0.12, FINE_RAYS)):
         used = order[:most]
