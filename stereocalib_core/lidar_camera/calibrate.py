@@ -15,6 +15,7 @@ from stereocalib_core.lidar_camera.calibration import Calibration, HeldOut, Pair
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.consensus import FORWARD_LEFT_UP, Candidates, agree
 from stereocalib_core.lidar_camera.observability import (
+    DEGENERATE,
     EDGE_ON,
     Observability,
     edge_on_words,
@@ -84,8 +85,8 @@ def calibrate(
     kept, start = _agreeing(usable, board, refused)
     pairs = _plane_pairs(kept)
     prior = start if _open(pairs) else None
-    first, _ = weighted(pairs, _dual_space(pairs, prior))
-    wrong = wrong_pairs(pairs, first, board.short_side_m)
+    # Where the planes leave a direction open, they cannot judge each other: agreement of the centres must do.
+    wrong = {} if prior is not None else wrong_pairs(pairs, _dual_space(pairs, None), board.short_side_m)
     refused |= {kept[i].name: reason for i, reason in wrong.items()}
     kept = [o for i, o in enumerate(kept) if i not in wrong]
     return _finish(observations, kept, board, camera, noise, refused, edge_on, start, with_intrinsics)
@@ -177,7 +178,7 @@ def _wrong_words(
 def _open(pairs: PlanePairs) -> bool:
     """Whether the planes alone leave some direction open."""
     values = np.linalg.svd(np.vstack([pairs.normals_camera, np.zeros((3, 3))]), compute_uv=False)
-    return bool(len(pairs) < 3 or values[2] < 1e-3 * values[0])
+    return bool(len(pairs) < 3 or values[2] < DEGENERATE * np.sqrt(len(pairs)))
 
 
 def _dual_space(pairs: PlanePairs, prior: Array | None) -> Array:
@@ -199,11 +200,14 @@ def _finish(
 ) -> Calibration:
     """Solve, refine and check with the pairs that are left."""
     pairs = _plane_pairs(kept)
-    linear = _dual_space(pairs, start if _open(pairs) else None)
-    better, H = weighted(pairs, linear)
+    left_open = _open(pairs)
+    linear = _dual_space(pairs, start if left_open else None)
+    better = linear if left_open else weighted(pairs, linear)[0]
     problem = joint_problem(kept, board, camera, noise)
     boards = np.array([o.T_camera_board for o in kept])
-    refined = refine(problem, JointState(better, boards, camera), with_intrinsics)
+    refined = refine(
+        problem, JointState(better, boards, camera), with_intrinsics and not left_open, fixed=left_open
+    )
     state = refined.state
     scatter = _scatter(pairs, state.T_camera_lidar)
     covariance = split_covariance(refined.covariance * scatter, state.T_camera_lidar)
@@ -320,7 +324,7 @@ def _nothing(
     verdict: Observability = observability(np.zeros((0, 3)), np.zeros((6, 6)), edge_on)
     results = tuple(_refused_result(o, refused.get(o.name, ""), T) for o in observations)
     return Calibration(
-        T, np.zeros((6, 6)), T, T, T, results, verdict, (), HeldOut(nan, nan), nan, nan,
+        T, np.eye(6), T, T, T, results, verdict, (), HeldOut(nan, nan), nan, nan,
         Noise(LEAST_CORNER_SIGMA_PX, LEAST_RANGE_SIGMA_M), 1.0, camera,
     )  # fmt: skip
 

@@ -17,6 +17,9 @@ from stereocalib_core.lidar_camera.observation import PlaneEstimate
 from stereocalib_core.lidar_camera.planes import tangent_basis
 from stereocalib_core.lidar_camera.rotations import apply_twist, nearest_rotation, skew
 
+PRIOR_SHARE = 0.05
+"""Normals that spread less than this say nothing beyond noise; there a prior speaks."""
+
 
 @dataclass(frozen=True)
 class PlanePairs:
@@ -69,11 +72,16 @@ def dual_space(
     """
     M = normals_camera.T @ normals_lidar
     if prior is not None:
-        M = M + 1e-6 * prior[:3, :3]
+        M = M + PRIOR_SHARE * len(normals_camera) * prior[:3, :3]
     R = nearest_rotation(M)
     start = np.zeros(3) if prior is None else prior[:3, 3]
     A = normals_lidar @ R.T
-    t = start + np.linalg.lstsq(A, offsets_camera - offsets_lidar - A @ start, rcond=1e-6)[0]
+    t = (
+        start
+        + np.linalg.lstsq(
+            A, offsets_camera - offsets_lidar - A @ start, rcond=1e-6 if prior is None else PRIOR_SHARE
+        )[0]
+    )
     return transform(R, t)
 
 
