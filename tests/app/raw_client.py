@@ -34,8 +34,25 @@ class RawClient:
             max_size=None,
             compression=None,
             open_timeout=20,
+            close_timeout=0.5,
         )
         self._zstd = zstandard.ZstdDecompressor()
+
+    def say_hello(self) -> None:
+        """The camera message by which viser counts a browser as connected."""
+        camera = {
+            "type": "ViewerCameraMessage",
+            "wxyz": (1.0, 0.0, 0.0, 0.0),
+            "position": (0.0, -5.0, -9.0),
+            "fov": 1.0,
+            "near": 0.01,
+            "far": 1000.0,
+            "image_height": 720,
+            "image_width": 500,
+            "look_at": (0.0, 0.0, 0.0),
+            "up_direction": (0.0, -1.0, 0.0),
+        }
+        self._socket.send(msgspec.msgpack.encode(camera))
 
     def receive(self, timeout_s: float) -> list[Received]:
         """The messages of one window; empty after the timeout."""
