@@ -14,7 +14,12 @@ Time lines: `frame` (zero-based) and `time` (seconds of the recording). Rerun is
 
 from __future__ import annotations
 
+import contextlib
 import os
+import socket
+import subprocess
+import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -37,6 +42,9 @@ PICTURE_QUALITY, DISPARITY_QUALITY = 70, 75
 RAW, FILTERED, BAND = (120, 160, 220), (255, 190, 60), (140, 110, 60)
 PATH_COLOURS = {"autocalibrated": (255, 190, 60), "no_yaw": (90, 200, 120), "no_roll": (200, 100, 220)}
 FAILED, EVENT = "WARN", "INFO"
+VIEWER_PORT = 9876
+VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
+VIEWER_TIMEOUT_S, VIEWER_SETTLE_S, FLUSH_TIMEOUT_S = 10.0, 2.0, 30.0
 
 
 class Recorder:
@@ -52,18 +60,22 @@ class Recorder:
         self._stream = rr.RecordingStream(APPLICATION)
         try:
             if self._temporary is None:
-                self._stream.spawn(default_blueprint=blueprint(), hide_welcome_screen=True)
+                self._stream.connect_grpc(find_viewer(), default_blueprint=blueprint())
             else:
                 self._stream.save(self._temporary, default_blueprint=blueprint())
         except (RuntimeError, OSError) as error:
-            where = "the Rerun viewer" if path is None else str(path)
-            raise OutputError("recording cannot be started", where, str(error)) from error
+            raise OutputError("recording cannot be started", path or VIEWER_URL, str(error)[:200]) from error
         self._stream.send_recording_name(name)
         self._begin()
 
     def close(self, keep: bool) -> None:
         """Deliver what is still on its way; a file gets its name now, or is removed when `keep` is False."""
-        self._stream.flush()
+        try:
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except RuntimeError as error:
+            if self._path is not None:
+                raise OutputError("recording cannot be written", self._path, str(error)[:200]) from error
+            # A viewer that was closed meanwhile is no reason to lose the run.
         self._stream.disconnect()
         if self._path is not None and self._temporary is not None:
             if keep:
@@ -173,6 +185,34 @@ class Recorder:
         self._stream.set_time("frame", sequence=results[row].frame)
         self._stream.set_time("time", duration=results[row].timestamp_s)
         self._stream.log("events", self._rr.TextLog(text, level=EVENT))
+
+
+def find_viewer() -> str:
+    """The address of the viewer that listens on this machine, or of one started for it.
+
+    Rerun's own way of starting one would listen to the whole network.
+    """
+    if _listening():
+        return VIEWER_URL
+    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(VIEWER_PORT)]
+    quiet = subprocess.DEVNULL
+    viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    deadline = time.monotonic() + VIEWER_TIMEOUT_S
+    while not _listening() and viewer.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        viewer.wait(VIEWER_SETTLE_S)  # without a display it listens first and ends then
+    if viewer.poll() is not None:
+        raise OutputError(
+            "Rerun viewer cannot be started", "--rerun", "it needs a display; use --rrd instead"
+        )
+    return VIEWER_URL
+
+
+def _listening() -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", VIEWER_PORT), timeout=0.5):
+        return True
+    return False
 
 
 def blueprint() -> Any:

@@ -13,7 +13,7 @@ import pytest
 import rerun.chunk
 
 from stereocalib_core.config import DisparityConfig
-from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, transform
 from stereocalib_core.recording import Recorder, horizon_line, road_grid
@@ -140,3 +140,12 @@ def test_a_run_writes_it_small_enough(tmp_path: Path, kitti_03: Path) -> None:
     assert frames(path, "/world/camera/image") == list(range(20, 26))
     per_frame = path.stat().st_size / 6
     assert per_frame * 1100 < 170e6  # six frames carry the whole blueprint and every path
+
+
+def test_a_viewer_that_cannot_start_is_one_clear_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stereocalib_core.recording._listening", lambda: False)
+    monkeypatch.setattr("stereocalib_core.recording.sys.executable", "/bin/false")
+    with pytest.raises(OutputError, match="use --rrd instead"):
+        Recorder(CAMERA, DisparityConfig(), "test", None)
