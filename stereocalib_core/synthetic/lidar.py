@@ -116,7 +116,7 @@ class SpinningLidar:
         for turn in range(4):
             R_lidar_view = rotation_z(turn * np.pi / 2) @ forward
             T_view = T_world_lidar @ transform(R_lidar_view, np.zeros(3))
-            draws = list_draws(self.world, T_view, float(drive.s_m[frame]), things, (1.0, 0.0))
+            draws = list_draws(self.world, T_view, float(drive.s_m[frame]), things, 1.0)
             count = raster.set_up(
                 *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
                 *(draws.ranges, draws.poses, draws.suns, draws.gains, K, (_WIDTH, _HEIGHT)),

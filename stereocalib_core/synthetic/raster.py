@@ -136,28 +136,54 @@ def fill(  # type: ignore[no-untyped-def]
         a0, a1, a2 = q[12], q[13], q[14]
         b0, b1, b2 = q[15], q[16], q[17]
         c0, c1, c2 = w0 - a0 - b0, w1 - a1 - b1, w2 - a2 - b2
+        # where an edge is crossed in row v: column h(v) times these
+        a3 = -SAMPLES / a0 if a0 != 0.0 else 0.0
+        b3 = -SAMPLES / b0 if b0 != 0.0 else 0.0
+        c3 = -SAMPLES / c0 if c0 != 0.0 else 0.0
+        middle = 0.5 * SAMPLES - 0.5
+        low, high = float(boxes[k, 0]), float(boxes[k, 1])
         tri = source[k]
         alpha = flags[tri] & FLAG_ALPHA
         tex = textures[tri] + 1
+        level, magnified = 0, True
+        if alpha:
+            # one level for the triangle: how many texels a pixel spans at its middle
+            u = 0.5 * (low + high + 1.0) * step - 0.5
+            v = 0.5 * (boxes[k, 2] + boxes[k, 3] + 1.0) * step - 0.5
+            z = 1.0 / max(w0 * u + w1 * v + w2, 1e-6)
+            s, t = (q[3] * u + q[4] * v + q[5]) * z, (q[6] * u + q[7] * v + q[8]) * z
+            span = abs(q[3] - s * w0) + abs(q[4] - s * w1) + abs(q[6] - t * w0) + abs(q[7] - t * w1)
+            level = min(int(math.log2(max(span * z * 0.35, 1.0))), levels[tex] - 4)
+            # interpolate only where a texel is larger than a sample
+            magnified = span * z < 1.4
+        offset, lw, lh = table[tex, level, 0], table[tex, level, 1], table[tex, level, 2]
+        scale = 1.0 / (1 << level)
+        one = np.uint64(1)
+        mask_w, mask_h = (one << np.uint64(lw)) - one, (one << np.uint64(lh)) - one
         for row in range(boxes[k, 2], boxes[k, 3] + 1):
             v = (row + 0.5) * step - 0.5
-            left, right = float(boxes[k, 0]), float(boxes[k, 1])
-            for e in range(3):
-                if e == 0:
-                    g, h = a0, a1 * v + a2
-                elif e == 1:
-                    g, h = b0, b1 * v + b2
-                else:
-                    g, h = c0, c1 * v + c2
-                if g == 0.0:
-                    if h < 0.0:
-                        right = -1.0
-                    continue
-                cross = (-h / g + 0.5) * SAMPLES - 0.5
-                if g > 0.0:
-                    left = max(left, cross)
-                else:
-                    right = min(right, cross)
+            left, right = low, high
+            h = a1 * v + a2
+            if a0 > 0.0:
+                left = max(left, h * a3 + middle)
+            elif a0 < 0.0:
+                right = min(right, h * a3 + middle)
+            elif h < 0.0:
+                continue
+            h = b1 * v + b2
+            if b0 > 0.0:
+                left = max(left, h * b3 + middle)
+            elif b0 < 0.0:
+                right = min(right, h * b3 + middle)
+            elif h < 0.0:
+                continue
+            h = c1 * v + c2
+            if c0 > 0.0:
+                left = max(left, h * c3 + middle)
+            elif c0 < 0.0:
+                right = min(right, h * c3 + middle)
+            elif h < 0.0:
+                continue
             if left > right:
                 continue
             first, last = int(math.ceil(left)), int(math.floor(right))
@@ -175,20 +201,10 @@ def fill(  # type: ignore[no-untyped-def]
                 continue
             s, t = q[3] * u + q[4] * v + q[5], q[6] * u + q[7] * v + q[8]
             ds, dt = q[3] * step, q[6] * step
-            # one level for the row: how many texels a sample spans there
-            middle = max(w0 * 0.5 * ((first + last + 1) * step - 1.0) + w1 * v + w2, 1e-6)
-            z = 1.0 / middle
-            su = abs(q[3] * z) + abs(q[4] * z) + abs(q[6] * z) + abs(q[7] * z)
-            level = int(max(math.log2(max(su * 0.35, 1.0)), 0.0))
-            level = min(level, levels[tex] - 4)
-            offset, lw, lh = table[tex, level, 0], table[tex, level, 1], table[tex, level, 2]
-            scale = 1.0 / (1 << level)
-            one = np.uint64(1)
-            mask_w, mask_h = (one << np.uint64(lw)) - one, (one << np.uint64(lh)) - one
             for x in range(first, last + 1):
                 if w > inverse_depth[row, x]:
                     z = scale / w
-                    if level == 0:
+                    if magnified:
                         opaque = bilinear(texels, offset, lw, lh, s * z, t * z) > 127.0
                     else:
                         column = np.uint64(np.int64(s * z)) & mask_w

@@ -47,10 +47,8 @@ class Draws:
     gains: Array
 
 
-def list_draws(
-    world: World, T_world_camera: Array, s_m: float, things: list[Instance], lens: tuple[float, float] | None
-) -> Draws:
-    """What may be in view, nearest first. `lens`: tangents of half the field of view, None = all around."""
+def list_draws(world: World, T_world_camera: Array, s_m: float, things: list[Instance], lens: float) -> Draws:
+    """What may be in view, nearest first. `lens`: tangent of the wider half of the field of view."""
     T = invert_transform(T_world_camera)[:3]
     near, far = np.searchsorted(world.rows_s_m, [s_m - BEHIND_M, s_m + AHEAD_M])
     near, far = max(int(near) - 1, 0), min(int(far), len(world.rows_s_m) - 1)
@@ -62,16 +60,9 @@ def list_draws(
         suns.append(SUN)
         gains.append((AMBIENT, SUNLIGHT))
         keys.append(1e9)
-    for thing in (*world.standing, *things):
-        first, last, radius = world.templates[thing.kind]
+    for thing in (*_in_sight(world, T, lens), *things):
+        first, last, _ = world.templates[thing.kind]
         center = T[:, :3] @ thing.position + T[:, 3]
-        distance = float(np.linalg.norm(center))
-        if distance - radius > FAR_M:
-            continue
-        if lens is not None:
-            x, _, z = center
-            if z < -radius or abs(x) - radius * np.hypot(1.0, lens[0]) > max(z, 0.0) * lens[0]:
-                continue
         ranges.append((first, last))
         pose = np.empty((3, 4))
         pose[:, :3] = T[:, :3] @ thing.rotation
@@ -79,7 +70,7 @@ def list_draws(
         poses.append(pose)
         suns.append(SUN @ thing.rotation)
         gains.append((AMBIENT * thing.tone, SUNLIGHT * thing.tone))
-        keys.append(distance)
+        keys.append(float(np.linalg.norm(center)))
     order = np.argsort(np.array(keys), kind="stable")
     return Draws(
         np.array(ranges, np.int64)[order],
@@ -87,6 +78,17 @@ def list_draws(
         np.array(suns)[order],
         np.array(gains)[order],
     )
+
+
+def _in_sight(world: World, T_camera_world: Array, lens: float) -> list[Instance]:
+    """The standing things whose spheres reach into the field of view."""
+    if not world.standing:
+        return []
+    centers = world.positions @ T_camera_world[:, :3].T + T_camera_world[:, 3]
+    x, z, radius = np.abs(centers[:, 0]), centers[:, 2], world.radii
+    near = np.linalg.norm(centers, axis=1) - radius <= FAR_M
+    inside = (z >= -radius) & (x - radius * np.hypot(1.0, lens) <= np.maximum(z, 0.0) * lens)
+    return [world.standing[k] for k in np.flatnonzero(near & inside)]
 
 
 class Renderer:
@@ -121,7 +123,7 @@ class Renderer:
         camera, world, mesh = self.camera, self.world, self.world.mesh
         K = (camera.focal_px, cx_px, camera.cy_px)
         widest = max(cx_px, camera.width - cx_px) / camera.focal_px
-        draws = list_draws(world, T_world_camera, s_m, things, (widest, 0.0))
+        draws = list_draws(world, T_world_camera, s_m, things, widest)
         count = raster.set_up(
             *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
             *(draws.ranges, draws.poses, draws.suns, draws.gains, K, (camera.width, camera.height)),

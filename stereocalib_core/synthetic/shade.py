@@ -12,7 +12,7 @@ from stereocalib_core.synthetic.textures import sample
 
 MAX_TAPS = 5
 GRAIN_TAPS = 3
-GRAIN_FAR_M = 45.0
+GRAIN_FAR_M = 36.0
 HAZE_M = 900.0
 UNKNOWN, ROAD, OBSTACLE = 0, 1, 2
 ROAD_TEXEL_M = 0.025

@@ -33,7 +33,8 @@ class World:
     """What the renderer needs of the town.
 
     mesh: all triangles; ground_rows (R,) first ground triangle of every row of the ribbon and rows_s_m its s;
-    templates: triangle range and radius of each kind of thing; standing: things that do not move.
+    templates: triangle range and radius of each kind of thing; standing: things that do not move, with their
+    positions (S, 3) and radii (S,).
     textures of the ground: grain, road map and sky; map_texel_m: the road map's texel along s.
     """
 
@@ -44,6 +45,8 @@ class World:
     rest: tuple[int, int]
     templates: dict[str, tuple[int, int, float]]
     standing: tuple[Instance, ...]
+    positions: Array
+    radii: Array
     map_texel_m: float
     drive: Drive
 
@@ -92,6 +95,8 @@ def build_world(drive: Drive) -> World:
         rest,
         templates,
         furniture.standing,
+        np.array([thing.position for thing in furniture.standing]).reshape(-1, 3),
+        np.array([templates[thing.kind][2] for thing in furniture.standing]),
         road.texel_s_m,
         drive,
     )
