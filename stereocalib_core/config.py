@@ -225,7 +225,7 @@ class YawConfig:
     """Largest miss of a track that agrees."""
     pair_tolerance_deg: float = 1.0
     """Largest disagreement of a pair with the drive."""
-    systematic_deg: float = 0.005
+    systematic_deg: float = 0.012
     """1 sigma that more driving does not remove."""
 
 

@@ -105,7 +105,8 @@ def _axis_shifts(
 ) -> list[Shift]:
     """Steps one by one, surest first, each taken out before the next is looked for; then a drift."""
     index = np.flatnonzero(np.isfinite(series)) if axis == "yaw" else np.arange(len(series))
-    rest, frames, calm = series[index].copy(), frames[index], steady[index]
+    rest, frames = series[index].copy(), frames[index]
+    calm = np.ones(len(index), dtype=bool) if axis == "yaw" else steady[index]
     shifts: list[Shift] = []
     for _ in range(_MOST_SHIFTS):
         step = find_step(rest, calm, _HORIZONS[axis == "yaw"], least, noise, config.threshold)

@@ -12,6 +12,8 @@ from scipy.ndimage import median_filter
 Array = NDArray[np.float64]
 
 _LAGS = 4
+_REACH, _PART = 60, 8
+"""Values on either side over which a step must last, and the parts in which that is looked at."""
 _BEFORE = 60
 """Values before a step that its level is compared with."""
 
@@ -59,12 +61,15 @@ def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
     before = np.stack([filled[rows - k] for k in range(1, _LAGS + 1)], axis=1)
     innovations[rows] = filled[rows] - before @ coefficients
     level = (1.0 - coefficients.sum()) * (filled - flat)
+    # Where several frames nearby are wild, one more is no news; a step itself is wild in a frame or two only.
+    restless = 1.4826 * median_filter(np.abs(innovations - level), size=21, mode="reflect")
     for kind in (calm, ~calm):
         chosen = np.zeros(len(series), dtype=bool)
         chosen[rows] = whole & kind[rows]
         if chosen.any():
             deviation = 1.4826 * float(np.median(np.abs((innovations - level)[chosen])))
-            weights[chosen] = 1.0 / max(deviation, noise) ** 2
+            usual = max(deviation, noise)
+            weights[chosen] = 1.0 / np.where(restless > 1.7 * usual, restless, usual)[chosen] ** 2
     return _White(innovations, weights, coefficients)
 
 
@@ -110,7 +115,7 @@ def find_step(
     if known.sum() < 2 * horizons[0]:
         return None
     # A short drive has not shown how far its values may stray.
-    threshold *= 1.0 + 10.0 / float(known.sum())
+    threshold *= 1.0 + 5.0 / float(known.sum())
     white = _whiten(series, calm, noise)
     # Values all around, or nothing is said: what fails beside a jump is no mount.
     seen = np.concatenate([[0], np.cumsum(known)])
@@ -124,12 +129,14 @@ def find_step(
         score = np.abs(size) / sigma
         usable = np.arange(len(series))
         usable = (usable >= 10) & (usable <= len(series) - min(horizon, horizons[0])) & dense
+        if horizon == horizons[0]:
+            usable &= _mostly(calm, reach)
         # Where the series is no autoregression the scores scatter more than they should: they are held to
         # that.
         score /= max(1.4826 * float(np.median(score[usable])) / 1.0, 1.0) if usable.any() else 1.0
         candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least) & known)
         for k in candidates[np.argsort(-score[candidates])][:40]:
-            if lasts(series, int(k), float(size[k])):
+            if lasts(series, calm, int(k), float(size[k])):
                 if best is None or score[k] > 1.1 * best.score:
                     certain = min(int(k) + horizon, len(series)) - 1
                     best = Step(int(k), certain, float(size[k]), float(sigma[k]), float(score[k]))
@@ -141,20 +148,42 @@ def find_step(
     return dataclasses.replace(best, size=float(size[best.onset]), sigma=float(sigma[best.onset]))
 
 
-def lasts(series: Array, onset: int, size: float, reach: int = 60, part: int = 8) -> bool:
-    """Whether the stretches before and after a step stay on their own sides of it, part by part."""
-    before, after = series[max(onset - reach, 0) : onset], series[onset : onset + reach]
-    before, after = before[np.isfinite(before)], after[np.isfinite(after)]
-    if len(before) < part or len(after) < part:
+def _mostly(calm: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Whether four of five values around each index are calm: only there a step may be certain so soon."""
+    total = np.concatenate([[0], np.cumsum(calm)])
+    at = np.arange(len(calm))
+    first, last = np.maximum(at - reach // 2, 0), np.minimum(at + reach, len(calm))
+    return np.asarray(total[last] - total[first] >= 0.8 * (last - first))
+
+
+def lasts(series: Array, calm: NDArray[np.bool_], onset: int, size: float) -> bool:
+    """Whether a step is there at once, stays, and shows in calm values as well where there are enough.
+
+    A mount that was knocked stands still again in the next frame: what follows differs from what went before by
+    the size, soon and later, and scatters by less. A bump in the road or a bend fails one of these.
+    """
+    known = np.isfinite(series)
+    at = np.arange(len(series))
+    before, after = series[known & (at < onset)][-_REACH:], series[known & (at >= onset)][:_REACH]
+    if len(before) < _PART or len(after) < _PART:
         return False
-    near = 0.5 * (np.median(before[-3 * part :]) + np.median(after[: 3 * part]))
-    side = np.sign(size)
-    if side * (np.median(after[: 3 * part]) - np.median(before[-3 * part :])) < 0.5 * abs(size):
+    side, size = np.sign(size), abs(size)
+    soon = side * (np.median(after[:_PART]) - np.median(before[-_PART:]))
+    later = side * (np.median(after[: 3 * _PART]) - np.median(before[-3 * _PART :]))
+    if not (0.4 * size < soon < 1.8 * size and later > 0.5 * size):
         return False
+    for block in (before[-2 * _PART :], after[: 2 * _PART]):
+        if np.median(np.abs(block - np.median(block))) > 0.45 * size:
+            return False
+    near = 0.5 * (np.median(before[-3 * _PART :]) + np.median(after[: 3 * _PART]))
     for block, sign in ((before[::-1], -side), (after, side)):
-        parts = block[: len(block) // part * part].reshape(-1, part)
-        crossed = sign * (np.median(parts, axis=1) - near) < -0.25 * abs(size)
+        parts = block[: len(block) // _PART * _PART].reshape(-1, _PART)
+        crossed = sign * (np.median(parts, axis=1) - near) < -0.25 * size
         # The body's own swing may carry one part in five across, not more.
         if crossed.sum() > len(parts) // 5:
             return False
+    calm_before = series[known & calm & (at < onset)][-_REACH:]
+    calm_after = series[known & calm & (at >= onset)][:_REACH]
+    if len(calm_before) >= _PART and len(calm_after) >= _PART:
+        return bool(side * (np.median(calm_after) - np.median(calm_before)) > 0.5 * size)
     return True
