@@ -49,10 +49,10 @@ def errors(result: Calibration) -> tuple[float, float]:
     ids=["vlp16-symmetric", "hdl64", "dense"],
 )
 def test_boards_are_found_among_clutter(tmp_path: Path, rays: object, board: BoardSpec, suffix: str) -> None:
-    write_folder(tmp_path / "set", CAMERA, board, TRUTH, rays(), 7, seed=4, suffix=suffix)  # type: ignore[operator]
+    write_folder(tmp_path / "set", CAMERA, board, TRUTH, rays(), 5, seed=4, suffix=suffix)  # type: ignore[operator]
     found = detect(open_folder(tmp_path / "set"))
     result = calibrate(found.observations, found.board, found.camera)
-    assert sum(p.ok for p in result.pairs) >= 6, [p.reason for p in result.pairs]
+    assert sum(p.ok for p in result.pairs) >= 5, [p.reason for p in result.pairs]
     turn_deg, shift_m = errors(result)
     assert turn_deg < 0.7
     assert shift_m < 0.03
@@ -85,10 +85,10 @@ def test_a_poster_on_a_wall_and_a_bigger_panel_are_no_boards() -> None:
 def test_unusable_pairs_are_named_and_the_rest_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     board = BoardSpec(7, 5, 0.11)
-    write_folder(folder, CAMERA, board, TRUTH, hdl64(), 8, seed=9, held=False)
+    write_folder(folder, CAMERA, board, TRUTH, vlp16(), 8, seed=9, held=False)
     rng = np.random.default_rng(0)
     (folder / "clouds" / "pair00.bin").write_bytes((folder / "clouds" / "pair00.bin").read_bytes()[:-7])
-    empty = cast(hdl64(), room(), 0.02, rng)
+    empty = cast(vlp16(), room(), 0.02, rng)
     np.column_stack([empty, np.zeros(len(empty))]).astype("<f4").tofile(folder / "clouds" / "pair01.bin")
     (folder / "images" / "pair02.png").rename(folder / "images" / "other.png")
     (folder / "images" / "pair03.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"0" * 50)
@@ -120,7 +120,7 @@ def test_intrinsics_can_be_estimated_from_the_boards(tmp_path: Path) -> None:
         CAMERA,
         BoardSpec(7, 5, 0.11),
         TRUTH,
-        hdl64(),
+        vlp16(),
         9,
         seed=2,
         model="estimate",
