@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 import shlex
 import tempfile
@@ -96,15 +94,23 @@ def difference(session: Session, snapshot: Snapshot, settings: Settings, other: 
 
 def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """A rerun recording of what is computed so far."""
-    if importlib.util.find_spec("stereocalib_core.recording") is None:
-        raise OutputError("recordings are not available", "recording.rrd", "use the other exports")
-    writer = importlib.import_module("stereocalib_core.recording")
-    return _written(
-        "recording.rrd",
-        lambda path: writer.write_recording(
-            path, session.source, session.config, snapshot.results, snapshot.analysis
-        ),
-    )
+    from stereocalib_core.recording import Recorder
+
+    def write(path: Path) -> None:
+        recorder = Recorder(session.source.camera, session.config.disparity, session.source.name, path)
+        done = False
+        try:
+            for result in snapshot.results:
+                recorder.frame(session.source[result.frame], result)
+            if snapshot.analysis is not None:
+                truth = session.source.ground_truth
+                poses = None if truth is None else truth.poses
+                recorder.drive(snapshot.results[: snapshot.analysed], snapshot.analysis, poses)
+            done = True
+        finally:
+            recorder.close(keep=done)
+
+    return _written("recording.rrd", write)
 
 
 def config_json(session: Session) -> str:

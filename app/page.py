@@ -46,7 +46,8 @@ class Page:
         self.settings = settings or Settings()
         self.compared: SavedRun | None = None
         self._roots: list[Any] = []
-        self._last: tuple[int, int, Settings, ClockState] | None = None
+        self._last: tuple[int, int, Settings, ClockState, int] | None = None
+        self._revision = 0
         self._closed = False
         self._book = PathBook(session.source.ground_truth)
         self.playback = Playback(
@@ -120,8 +121,7 @@ class Page:
                 "Choose “Explore on my own” below to move freely.",
                 auto_close_seconds=6.0,
             )
-            self._last = None
-            self.playback.poke()
+            self.refresh()
             return
         try:
             action(client)
@@ -138,7 +138,11 @@ class Page:
     def set_compared(self, run: SavedRun | None) -> None:
         """Lay another run beside this one."""
         self.compared = run
-        self._last = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show everything again, also what the page believes to be on show already."""
+        self._revision += 1
         self.playback.poke()
 
     @property
@@ -156,11 +160,11 @@ class Page:
     def _tick(self, clock: ClockState) -> None:
         """Called by the clock's worker only."""
         snapshot, settings, last = self.session.snapshot, self.settings, self._last
-        key = (clock.frame, snapshot.version, settings, clock)
+        key = (clock.frame, snapshot.version, settings, clock, self._revision)
         if self._closed or key == last:
             return
         frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
-        settings_changed = last is None or last[2] != settings
+        settings_changed = last is None or last[2] != settings or last[4] != self._revision
         drive_changed = last is None or last[1] != snapshot.version
         paths = self._book.state(snapshot.paths, settings.corrections)
         moment = Moment(

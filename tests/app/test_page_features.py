@@ -167,6 +167,7 @@ def test_one_stage_large(page: Any, fresh: Hub) -> None:
         ("Extrinsics, CSV", "extrinsics.csv"),
         ("Report, JSON", "report.json"),
         ("Figure sheet, PNG", "figures.png"),
+        ("Recording, rrd", "recording.rrd"),
     ],
 )
 def test_exports(page: Any, label: str, name: str, tmp_path: Path) -> None:
@@ -179,6 +180,9 @@ def test_exports(page: Any, label: str, name: str, tmp_path: Path) -> None:
     if name.endswith(".png"):
         picture = cv2.imread(str(path))
         assert picture.shape[0] > 800
+        return
+    if name.endswith(".rrd"):
+        assert path.read_bytes()[:3] == b"RRF"
         return
     text = path.read_text()
     if name == "report.json":
