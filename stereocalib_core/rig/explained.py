@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 Array = NDArray[np.float64]
 
@@ -55,9 +56,9 @@ class MotionSeries:
 
     @property
     def steady(self) -> NDArray[np.bool_]:
-        """(N,) neither braking nor cornering to speak of, and known."""
+        """(N,) known, straight, and neither braked nor pushed hard."""
         known = np.isfinite(self.speed) & np.isfinite(self.yaw_rate)
-        return known & (np.abs(self.longitudinal) < 0.7) & (np.abs(self.lateral) < 0.7)
+        return known & (np.abs(self.longitudinal) < 1.45) & (np.abs(self.lateral) < 0.7)
 
 
 def _filled(values: Array) -> Array:
@@ -70,7 +71,8 @@ def _filled(values: Array) -> Array:
 def _smooth(values: Array) -> Array:
     if len(values) < len(_SMOOTH):
         return values
-    padded = np.pad(values, len(_SMOOTH) // 2, mode="edge")
+    # A knock of the camera spoils one pair's motion: a median first, so that it is no braking.
+    padded = np.pad(median_filter(values, size=5, mode="nearest"), len(_SMOOTH) // 2, mode="edge")
     return np.convolve(padded, _SMOOTH[::-1], "valid")
 
 
