@@ -113,17 +113,17 @@ def _align(
     vs: NDArray[np.int64],
     half_u: int,
     half_v: int,
-    offsets: Float,
-    sigmas: Float,
+    sums: Float,
 ) -> None:
-    """Per patch, the disparity offset [px] from the plane and its sigma (inf = nothing to see), written in place.
+    """Per patch the sums of products of gradients and difference, (N, 6): uu, uv, vv, ur, vr, rr; uu = 0: nothing seen.
 
-    The right image is read between its pixels by cubic convolution along the row. The gradient is the
-    mean of left and warped right, which takes the noise of either out of the other's step.
+    The right image is read between its pixels by cubic convolution along the row. The gradient along u is
+    the mean of left and warped right, which takes the noise of either out of the other's step; along v it
+    is the left one.
     """
     n_u, n_v = 2 * half_u + 1, 2 * half_v + 1
+    n = n_u * n_v
     warped = np.empty((n_v, n_u + 2))
-    slope = np.empty((n_v, n_u))
     for p in range(len(us)):
         u0, v0 = us[p], vs[p]
         mean_l = mean_r = 0.0
@@ -143,10 +143,8 @@ def _align(
                     p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * (3.0 * (p1 - p2) + p3 - p0))
                 )
             for c in range(n_u):
-                u = u0 + c - half_u
-                mean_l += left[v, u]
+                mean_l += left[v, u0 + c - half_u]
                 mean_r += warped[a, c + 1]
-        n = n_u * n_v
         mean_l /= n
         mean_r /= n
         s_ll = s_rr = s_lr = 0.0
@@ -158,40 +156,59 @@ def _align(
                 s_ll += x_l * x_l
                 s_rr += x_r * x_r
                 s_lr += x_l * x_r
+        sums[p] = 0.0
         if s_ll < 2.0 * n or s_rr < 2.0 * n or s_lr < 0.3 * np.sqrt(s_ll * s_rr):
-            offsets[p], sigmas[p] = 0.0, np.inf
             continue
         gain = np.sqrt(s_ll / s_rr)
-        g2 = gr = 0.0
+        m_u = m_v = uu = uv = vv = ur = vr = rr = 0.0
         for a in range(n_v):
             v = v0 + a - half_v
             for c in range(n_u):
                 u = u0 + c - half_u
-                g_l = 0.5 * (float(left[v, u + 1]) - float(left[v, u - 1]))
-                g_r = 0.5 * gain * (warped[a, c + 2] - warped[a, c])
-                slope[a, c] = 0.5 * (g_l + g_r)
-        mean_g = slope.mean()
-        for a in range(n_v):
-            v = v0 + a - half_v
-            for c in range(n_u):
-                g = slope[a, c] - mean_g
-                r = (left[v, u0 + c - half_u] - mean_l) - gain * (warped[a, c + 1] - mean_r)
-                g2 += g * g
-                gr += g * r
-        # left = right(u - d - offset), so left - warped = -offset * slope
-        offset = -gr / g2
-        s2 = 0.0
-        for a in range(n_v):
-            v = v0 + a - half_v
-            for c in range(n_u):
-                r = (left[v, u0 + c - half_u] - mean_l) - gain * (warped[a, c + 1] - mean_r)
-                e = r + offset * (slope[a, c] - mean_g)
-                s2 += e * e
-        if abs(offset) > 2.0:
-            offsets[p], sigmas[p] = 0.0, np.inf
-            continue
-        offsets[p] = offset
-        sigmas[p] = np.sqrt((s2 / (n - 3) + 0.1) / g2)
+                g_l = float(left[v, u + 1]) - float(left[v, u - 1])
+                g_u = 0.25 * (g_l + gain * (warped[a, c + 2] - warped[a, c]))
+                g_v = 0.5 * (float(left[v + 1, u]) - float(left[v - 1, u]))
+                r = (left[v, u] - mean_l) - gain * (warped[a, c + 1] - mean_r)
+                m_u += g_u
+                m_v += g_v
+                uu += g_u * g_u
+                uv += g_u * g_v
+                vv += g_v * g_v
+                ur += g_u * r
+                vr += g_v * r
+                rr += r * r
+        sums[p, 0] = uu - m_u * m_u / n
+        sums[p, 1] = uv - m_u * m_v / n
+        sums[p, 2] = vv - m_v * m_v / n
+        sums[p, 3] = ur
+        sums[p, 4] = vr
+        sums[p, 5] = rr
+
+
+def _offsets(sums: Float, u: Float, trust: Float, pixels: int) -> tuple[Float, Float]:
+    """Each patch's disparity offset [px] from the plane and its sigma (inf = nothing to see).
+
+    The right image's rows may lie a little off: left - right = -offset g_u + dv g_v with one
+    dv = dv_0 + dv_1 u for the lane, found from all patches with their own offsets eliminated. Without it an
+    edge that runs nearly along the rows would turn dv into disparity.
+    """
+    uu, uv, vv, ur, vr, rr = sums.T
+    seen = uu > 1e-6
+    safe = np.where(seen, uu, 1.0)
+    information = np.where(seen, np.maximum(vv - uv * uv / safe, 0.0), 0.0)
+    pull = np.where(seen, vr - uv * ur / safe, 0.0)
+    x = u / 100.0
+    w = trust * information
+    H = np.array([[w.sum(), (w * x).sum()], [(w * x).sum(), (w * x * x).sum()]])
+    rows = np.zeros(len(u))
+    if np.linalg.cond(H) < 1e8:
+        a, b = np.linalg.solve(H, np.array([(trust * pull).sum(), (trust * pull * x).sum()]))
+        rows = np.clip(a + b * x, -1.5, 1.5)
+    offset = -(ur - rows * uv) / safe
+    left_over = rr + offset**2 * uu + rows**2 * vv + 2 * offset * ur - 2 * rows * vr - 2 * offset * rows * uv
+    sigma = np.sqrt((np.maximum(left_over, 0.0) / (pixels - 3) + 0.1) / safe)
+    usable = seen & (np.abs(offset) <= 2.0)
+    return np.where(usable, offset, 0.0), np.where(usable, sigma, np.inf)
 
 
 def _tukey(residual: Float, limit: float) -> Float:
@@ -240,23 +257,12 @@ def fit_direct(
     height_per_px = start.height_m * z / (f * b)
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * start.height_m)
     shared = np.maximum(config.uneven_length_m**2 / area, 1.0)
-    offsets, sigmas = np.empty(len(us)), np.empty(len(us))
+    sums, trust = np.empty((len(us), 6)), np.ones(len(us))
+    pixels = (2 * half_u + 1) * (2 * half_v + 1)
     unevenness = config.initial_unevenness_m
     for iteration in range(config.iterations):
-        _align(
-            left,
-            right,
-            cx,
-            cy,
-            camera.disparity_offset_px,
-            parameters,
-            us,
-            vs,
-            half_u,
-            half_v,
-            offsets,
-            sigmas,
-        )
+        _align(left, right, cx, cy, camera.disparity_offset_px, parameters, us, vs, half_u, half_v, sums)
+        offsets, sigmas = _offsets(sums, us - cx, trust, pixels)
         seen = np.isfinite(sigmas)
         if np.count_nonzero(seen) < config.min_patches:
             return None
@@ -270,6 +276,8 @@ def fit_direct(
             return None
         parameters = parameters + x
         residual = offset - J @ x
+        trust = np.zeros(len(us))
+        trust[seen] = robust
         if iteration + 1 < config.iterations:
             unevenness = min(_unevenness(residual, noise, road, robust, config), config.max_unevenness_m)
     if not np.all(np.isfinite(parameters)) or parameters[0] <= 0:
@@ -278,8 +286,7 @@ def fit_direct(
     extrinsics = fitted.extrinsics(camera)
     covariance = _covariance(J, residual, variance, robust, noise, road, shared[seen], unevenness, config)
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
-    weight = np.zeros(len(us))
-    weight[seen] = robust
+    weight = trust
     patches = PatchFit(us.astype(np.float64), vs.astype(np.float64), z, offsets - J_all @ x, sigmas, weight)
     agreement = _agreement(offsets - J_all @ x, sigmas, height_per_px, area, config)
     return DirectFit(extrinsics, to_extrinsics @ covariance @ to_extrinsics.T, patches, unevenness, agreement)
