@@ -17,9 +17,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 ROAD_CELL_PX = (32, 10)
-"""Width and height of the cells that give one road corner each; low, because a road is seen at a flat
-angle.
-"""
+"""Width and height of the cells that give one road corner each; low, for a road is seen at a flat angle."""
 ABOVE_CELL_PX = (64, 40)
 """The same for points above the road."""
 

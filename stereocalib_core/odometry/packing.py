@@ -112,9 +112,7 @@ def pack_tracks(
     road_ok: NDArray[np.bool_] | None = None,
     frames: Sequence[int] | None = None,
 ) -> PackedTracks:
-    """Tracks of consecutive frames to one block; `frames` are the indices that `Tracks.previous`
-    speaks of.
-    """
+    """Tracks of consecutive frames to one block; `Tracks.previous` is one of `frames` (default 0, 1, ...)."""
     count = len(tracks)
     row_of = {frame: row for row, frame in enumerate(range(count) if frames is None else frames)}
     blocks: list[NDArray[np.float32]] = []

@@ -1,5 +1,4 @@
-"""A first guess of the motion when nothing predicts it: at the start of a drive, after a jump, when
-tracks fail.
+"""A first guess of the motion when nothing predicts it: at the start, after a jump, when tracks fail.
 
 Speeds and turns are tried in turn on the quarter-size pictures; the one under which most patches look alike
 is the start of the tracking proper, which needs to be right to within a few pixels only.

@@ -67,8 +67,7 @@ class PairView:
 
 @dataclass(frozen=True)
 class TrackerState:
-    """The last usable pair, its pyramid (full, half, quarter size) and corners, and the motion that
-    led to it.
+    """The last usable pair, its pyramid (full, half, quarter size), its corners, and how it was reached.
 
     motion: (6,) rotation vector [rad], translation [m] of T_current_previous per frame; None = not known.
     """
@@ -80,9 +79,7 @@ class TrackerState:
 
 
 def advance(camera: StereoCamera, state: TrackerState, view: PairView) -> tuple[TrackerState, Tracks | None]:
-    """The next usable pair: the new state, and the tracks from the pair before (None where there are
-    none).
-    """
+    """The next usable pair: the new state, and the tracks from the pair before, if there are any."""
     half = halve(view.left)
     pyramid = (view.left, half, halve(half))
     corners = find_corners(

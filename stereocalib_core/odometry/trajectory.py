@@ -1,5 +1,4 @@
-"""The path of a whole drive from its tracks, its extrinsics and the settings of one variant: no pixel
-is touched.
+"""The path of a whole drive from its tracks, its extrinsics and the settings of one variant; no pixel.
 
 `trajectory` is the function behind every slider. The settings act on the extrinsics after any filter: each
 axis is scaled by its strength (0 = taken as zero; height: the drive's median), then the injected error is
@@ -43,8 +42,7 @@ MIN_ROAD_POINTS = 12
 class TrajectorySettings:
     """What one variant does to the extrinsics, and how the car may move.
 
-    *_strength: 0 ... 1, how much of the estimate is used. *_error_*: added after that, the same in
-    every frame.
+    *_strength: 0 ... 1, how much of the estimate is used. *_error_*: added to every frame after that.
     lever_arm_m: rear axle to camera, for `nonholonomic`.
     """
 
@@ -112,9 +110,7 @@ class Trajectory:
 
 
 def fill_missing(extrinsics: Array) -> Array:
-    """(N, 4) with rows that hold a NaN replaced by the last whole row before them (at the start: the
-    first).
-    """
+    """(N, 4) with every row that holds a NaN replaced by the last whole row, at the start by the first."""
     known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
     if not known.any():
         return np.tile([1.65, 0.0, 0.0, 0.0], (len(extrinsics), 1))
@@ -126,7 +122,8 @@ def apply_settings(extrinsics: Array, settings: TrajectorySettings) -> Array:
     """(N, 4) height [m], pitch, roll, yaw [rad] as a variant sees them."""
     s = settings
     median = float(np.median(extrinsics[:, 0])) if len(extrinsics) else 0.0
-    height = median + s.height_strength * (extrinsics[:, 0] - median) + s.height_error_m
+    # in this form a strength of one changes no bit, and the best motions need no second solution
+    height = extrinsics[:, 0] + (s.height_strength - 1.0) * (extrinsics[:, 0] - median) + s.height_error_m
     angles = extrinsics[:, 1:] * [s.pitch_strength, s.roll_strength, s.yaw_strength]
     angles = angles + [s.pitch_error_rad, s.roll_error_rad, s.yaw_error_rad]
     return np.column_stack([np.maximum(height, 0.05), angles])
@@ -288,8 +285,7 @@ def _planar_covariance(
 
 @njit(cache=True, nogil=True)
 def _chain(motions: Array, previous: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 7) T_current_previous to (N, 4, 4) poses, and which frames were bridged without a pair of
-    their own.
+    """(N, 7) T_current_previous to (N, 4, 4) poses, and which frames have no pair of their own.
 
     Frames jumped over by a pair move evenly along it; frames after the last known pair keep their velocity.
     """
