@@ -52,8 +52,8 @@ REMEDIES: Final[dict[FailureReason, tuple[str, str]]] = {
         "nothing to mend when the view was really blocked",
     ),
     FailureReason.NOT_PLANAR: (
-        "what is free is not flat: a ramp, a kerb, grass beside the road",
-        "nothing to mend on a ramp; else look at the free map for what leaks in",
+        "what is free does not lie on one plane: a ramp, a kerb, grass; or poor matching by night, rain, dirt",
+        "nothing to mend on a ramp; else see in disparity and free map what leaks in",
     ),
     FailureReason.TOO_UNCERTAIN: (
         "too little road, or too little texture on it, to be sure",

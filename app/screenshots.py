@@ -27,14 +27,14 @@ FLAGS = (
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 SIZES = ((1600, 900), (1280, 720))
-DRIVE = "synthetic:town?frames=240&fault=night@150-156&fault=knock:pitch=0.5@190"
+DRIVE = "synthetic:town?frames=120&fault=night@70-76&fault=knock:pitch=0.5@95"
 SETTLE_S = 2.5
 
 
 def inspect(hub: Hub, _page: Any) -> None:
     """The answer first."""
     hub.shared.header.choose("Inspect")
-    hub.shared.playback.seek(120)
+    hub.shared.playback.seek(30)
 
 
 def teach(hub: Hub, _page: Any) -> None:
@@ -56,7 +56,7 @@ def debug(hub: Hub, _page: Any) -> None:
 def paths(hub: Hub, page: Any) -> None:
     """The whole drive with its paths."""
     hub.shared.header.choose("Inspect")
-    hub.shared.playback.seek(239)
+    hub.shared.playback.seek(119)
     page.get_by_role("tab", name="Paths", exact=True).click(force=True)
     page.get_by_role("tab", name="Path errors", exact=True).click(force=True)
 
@@ -78,6 +78,15 @@ SCENES: tuple[tuple[str, Callable[[Hub, Any], None]], ...] = (
     ("paths", paths),
     ("light", light),
 )
+
+
+def settle(hub: Hub, page: Any) -> None:
+    """Wait until the browser shows the frame that is wanted, and has drawn it."""
+    time.sleep(SETTLE_S)
+    frame = hub.shared.playback.state.frame
+    script = "wanted => { const t = document.body.innerText; return t.includes(wanted) || !/Frame \\d+ of/.test(t) }"
+    page.wait_for_function(script, arg=f"Frame {frame} ")
+    time.sleep(SETTLE_S)
 
 
 def take(hub: Hub, out: Path, browser_path: str) -> list[Path]:
@@ -102,9 +111,9 @@ def take(hub: Hub, out: Path, browser_path: str) -> list[Path]:
             for name, prepare in SCENES:
                 prepare(hub, page)
                 page.mouse.move(width / 2, 5)
-                time.sleep(2 * SETTLE_S)
-                path = out / f"app_{name}_{width}x{height}.png"
-                page.screenshot(path=str(path), timeout=120_000)
+                settle(hub, page)
+                path = out / f"app_{name}_{width}x{height}.jpg"
+                page.screenshot(path=str(path), type="jpeg", quality=88, timeout=120_000)
                 written.append(path)
             context.close()
     return written

@@ -52,7 +52,7 @@ def checks_html(checks: tuple[Check, ...]) -> str:
         )
     head = "<tr style='opacity:0.7'><td>number</td><td style='text-align:right'>value</td>"
     head += "<td style='text-align:right'>limit</td></tr>"
-    style = "width:100%;font-size:0.82em;border-spacing:0 0.1em;padding:0 0.5em"
+    style = "width:100%;font-size:0.82em;border-spacing:0 0.1em;padding:0 1.2em 0 0.5em"
     return f"<table style='{style}'>{head}{''.join(rows)}</table>"
 
 

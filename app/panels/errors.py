@@ -67,8 +67,14 @@ class ErrorsPanel:
         if all(e.distance_m is None for e in moment.paths.errors.values()):
             self._note.content = "This drive has no true path to compare with: only the lengths are known."
             return
+        marks = " &nbsp; ".join(
+            f'<span style="color:{palette.css(palette.VARIANT[n])}">━</span> {palette.VARIANT_NAME[n]}'
+            for n in moment.paths.errors
+            if moment.settings.paths.get(n, True)
+        )
         self._note.content = (
-            "Distance from the truth over distance travelled, laid together at the first frame."
+            "Distance from the truth, and error of heading, over metres travelled; laid together at the first "
+            f'frame.\n\n<span style="font-size:0.85em">{marks}</span>'
         )
         charts, now = error_charts(moment)
         for plot, chart, old in zip(self._plots, charts, self._charts, strict=True):
