@@ -14,7 +14,8 @@ _WORTHWHILE = 64
 
 
 @lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
+def _pool(process: int) -> ThreadPoolExecutor:
+    """The threads of this process; a forked child gets its own, since threads do not survive a fork."""
     return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="odometry")
 
 
@@ -25,5 +26,5 @@ def in_chunks(work: Callable[[int, int], None], count: int) -> None:
         work(0, count)
         return
     edges = [count * k // (cores * CHUNKS_PER_CORE) for k in range(cores * CHUNKS_PER_CORE + 1)]
-    for _ in _pool().map(work, edges[:-1], edges[1:]):
+    for _ in _pool(os.getpid()).map(work, edges[:-1], edges[1:]):
         pass
