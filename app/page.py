@@ -166,7 +166,10 @@ class Page:
         frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
         settings_changed = last is None or last[2] != settings or last[4] != self._revision
         drive_changed = last is None or last[1] != snapshot.version
-        paths = self._book.state(snapshot.paths, settings.corrections)
+        if self.session.saved:
+            paths = self._book.saved(None if snapshot.analysis is None else snapshot.analysis.poses)
+        else:
+            paths = self._book.state(snapshot.paths, settings.corrections)
         moment = Moment(
             session=self.session,
             snapshot=snapshot,

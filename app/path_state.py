@@ -58,7 +58,20 @@ class PathBook:
     def __init__(self, truth: GroundTruth | None) -> None:
         self._truth = truth
         self._paths: DrivePaths | None = None
+        self._saved: PathState | None = None
         self._variants: dict[tuple[str, str], PathState] = {}
+
+    def saved(self, poses: Array | None) -> PathState:
+        """The one path that an earlier run wrote."""
+        if poses is None or len(poses) < 2:
+            return PathState()
+        if self._saved is None:
+            errors = {"autocalibrated": compare(poses, self._truth)}
+            found = {"autocalibrated": poses}
+            if self._truth is not None and self._truth.poses is not None:
+                found = {"ground_truth": self._truth.poses, **found}
+            self._saved = PathState(found, errors)
+        return self._saved
 
     def state(self, paths: DrivePaths | None, corrections: Corrections) -> PathState:
         """Every path under the page's corrections."""

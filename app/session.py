@@ -156,6 +156,7 @@ class Session:
         begin = time.monotonic()
         if results:
             analysis = None if self._analyse is None else self._analyse(tuple(results))
-            paths = DrivePaths(self.source.camera, results, analysis)
+            # An earlier run holds no tracks: its path is the one that it wrote.
+            paths = None if self.saved else DrivePaths(self.source.camera, results, analysis)
             self._publish(analysis=analysis, paths=paths, analysed=len(results))
         return time.monotonic() - begin

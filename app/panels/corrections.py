@@ -33,7 +33,10 @@ class CorrectionsPanel:
         self._previous = Corrections()
         self._strength: dict[str, Any] = {}
         self._error: dict[str, Any] = {}
-        gui.add_markdown("How much of each estimate the odometry uses, and an error put in on purpose.")
+        words = "How much of each estimate the odometry uses, and an error put in on purpose."
+        if page.session.saved:
+            words = "An earlier run holds no tracks to correct. Open the drive itself to try corrections."
+        gui.add_markdown(words)
         for axis in AXES:
             unit, limit, step = (
                 ("m", ERROR_LIMIT_M, 0.005) if axis == "height" else ("°", ERROR_LIMIT_DEG, 0.01)

@@ -115,6 +115,9 @@ def test_a_finished_run_opens_again(hub: Hub, broken_folder: Path) -> None:
     heights = [[r.road.extrinsics.height_m for r in s.results if r.road] for s in (before, after)]
     np.testing.assert_allclose(heights[1], heights[0], atol=1e-6)
     assert after.analysis is not None
+    assert after.analysis.poses is not None
+    assert before.analysis is not None
+    np.testing.assert_allclose(after.analysis.poses, before.analysis.poses, atol=1e-4)
     assert session.views.get(0, "all stages").left_jpeg[:2] == b"\xff\xd8"
     session.close()
 
