@@ -96,11 +96,12 @@ class SpinningLidar:
         self._knocks = offsets(settings.faults, ("lidar_knock",), len(world.drive))
 
     def T_camera_lidar(self, frame: int) -> Array:
-        """(4, 4) where the sensor truly is, knocks included: angles and shifts in the camera's axes."""
+        """(4, 4) where the sensor truly is, knocks included: angles and shifts in the camera's axes and signs
+        (pitch > 0 looks down)."""
         height, pitch, roll, yaw, x, z = (float(a) for a in self._knocks[frame])
         knock = rotation_x(pitch) @ rotation_z(roll) @ rotation_y(yaw)
         T = T_CAMERA_LIDAR.copy()
-        T[:3, :3] = knock @ T[:3, :3]
+        T[:3, :3] = knock.T @ T[:3, :3]
         T[:3, 3] += [x, -height, z]
         return T
 
