@@ -117,8 +117,7 @@ class RigFilter:
                 return FilterStep(nan[0, :3], nan[:3, :3], "none", nan[0], nan, nan, nan[0], nan, False)
             self._predict(self._ukf, timestamp_s, None, None)
             return self._report(self._ukf, "predicted")
-        # What all frames of a stretch share is no noise that averages out: it is set aside and added at the
-        # end.
+        # What neighbouring frames share is no noise that averages out: set aside here, added in the end.
         share = self.config.persistent_share
         persistent, R = share * R, (1.0 - share) * R
         if self._ukf is None:

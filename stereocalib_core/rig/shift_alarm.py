@@ -31,8 +31,8 @@ NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unc
 _HORIZONS = ((15, 30, 60), (20, 40, 60))
 """Frames after a shift by which it may be certain; the second for the yaw, in straight pairs."""
 _MOST_SHIFTS = 6
-_DRIFT_BLOCKS = 10
-"""Blocks of 20 frames a drive must have: the shape of a short stretch of road looks like drift."""
+_BLOCK, _DRIFT_BLOCKS = 20, 10
+"""Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,9 @@ def _drift(
 ) -> Shift | None:
     """A slow change between the ends of the drive that no step explains."""
     index = np.flatnonzero(np.isfinite(series))
-    block = 20
-    if len(index) < _DRIFT_BLOCKS * block:
+    if len(index) < _DRIFT_BLOCKS * _BLOCK:
         return None
+    block = max(_BLOCK, len(index) // 60)
     values = series[index]
     count = len(values) // block
     level = np.median(values[: count * block].reshape(count, block), axis=1)

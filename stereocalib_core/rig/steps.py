@@ -1,4 +1,9 @@
-"""Steps in a noisy series: a generalised likelihood ratio on whitened values."""
+"""Steps in a noisy series: a generalised likelihood ratio on whitened values.
+
+An autoregression of the series takes out its slow swing, so that what is left jumps where a step begins. Each
+index is tried as the onset: least squares for level and step over the values around it give the size and its
+standard deviation.
+"""
 
 from __future__ import annotations
 
@@ -131,9 +136,10 @@ def find_step(
         usable = (usable >= 10) & (usable <= len(series) - min(horizon, horizons[0])) & dense
         if horizon == horizons[0]:
             usable &= _mostly(calm, reach)
-        # Where the series is no autoregression the scores scatter more than they should: they are held to
-        # that.
-        score /= max(1.4826 * float(np.median(score[usable])) / 1.0, 1.0) if usable.any() else 1.0
+        if not usable.any():
+            continue
+        # Where the series is no autoregression the scores scatter more than they should.
+        score /= max(1.4826 * float(np.median(score[usable])), 1.0)
         candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least) & known)
         for k in candidates[np.argsort(-score[candidates])][:40]:
             if lasts(series, calm, int(k), float(size[k])):
