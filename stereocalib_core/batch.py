@@ -40,7 +40,7 @@ SEALED_FILES = (
     "report.json",
 )
 CONNECT_TIMEOUT_S = 10
-CLOSE_TIMEOUT_S = 0.5
+CLOSE_TIMEOUT_S, HURRY_S = 10.0, 0.4
 RETRIES = 2
 Progress = Callable[[int, int, str], None]
 
@@ -250,14 +250,19 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
         env={"NUMBA_NUM_THREADS": "1"},
     )
     client = distributed.Client(cluster)
+    patience_s = CLOSE_TIMEOUT_S
     try:
         yield client
     except KeyboardInterrupt:
-        _kill_workers(cluster)  # a worker would finish its frame, its drive, and only then listen
+        patience_s = HURRY_S
+        _kill_workers(cluster)  # a worker would finish its drive and only then listen
         raise KeyboardInterrupt("the same call goes on from here") from None
     finally:
-        client.close(timeout=CLOSE_TIMEOUT_S)
-        cluster.close(timeout=CLOSE_TIMEOUT_S)
+        for part in (client, cluster):
+            with contextlib.suppress(
+                TimeoutError
+            ):  # the drives are done; what is left ends with this process
+                part.close(timeout=patience_s)
 
 
 def _kill_workers(cluster: Any) -> None:
