@@ -55,15 +55,15 @@ class Hub:
             session.start()
         self.shared.start()
 
-    def close(self) -> None:
-        """Stop everything but the server."""
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Stop everything but the server; wait at most `timeout_s` for each worker."""
         with self._lock:
             self.closed = True
             pages, sessions = [self.shared, *self._own.values()], list(self._sessions)
         for page in pages:
-            page.playback.close()
+            page.playback.close(timeout_s)
         for session in sessions:
-            session.close()
+            session.close(timeout_s)
         self.library.close()
 
     def page_of(self, client_id: int) -> Page:

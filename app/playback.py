@@ -69,13 +69,13 @@ class Playback:
         """Start the worker."""
         self._thread.start()
 
-    def close(self) -> None:
+    def close(self, timeout_s: float = 5.0) -> None:
         """Stop the worker and wait for it (unless called by it)."""
         with self._wake:
             self._closed = True
             self._wake.notify_all()
         if threading.current_thread() is not self._thread and self._thread.is_alive():
-            self._thread.join(timeout=5.0)
+            self._thread.join(timeout=timeout_s)
 
     def poke(self) -> None:
         """Show the present frame again."""

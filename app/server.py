@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 import time
 from pathlib import Path
@@ -11,8 +10,6 @@ from app.hub import Hub
 from app.library import Library, open_drive
 from app.secure import LOCAL_NAMES, create_server, stop_server
 from stereocalib_core.config import PipelineConfig
-
-LOG = logging.getLogger(__name__)
 
 
 def start(
@@ -50,7 +47,7 @@ def serve(
     rig: Path | None = None,
     root: Path | None = None,
 ) -> None:
-    """Show a drive in the browser until Ctrl-C. Prints the page's address when it is ready."""
+    """Show a drive in the browser until Ctrl-C (raises KeyboardInterrupt). Prints the page's address when ready."""
     hub = start(spec, host, port, config, autoplay, frames, rig, root)
     shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
     if host not in LOCAL_NAMES:
@@ -63,8 +60,7 @@ def serve(
     try:
         while True:
             time.sleep(3600.0)
-    except KeyboardInterrupt:
-        LOG.debug("interrupted")
     finally:
-        hub.close()
+        # Whoever presses Ctrl-C does not wait for the frame in work.
+        hub.close(timeout_s=0.2)
         stop_server(hub.server)

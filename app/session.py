@@ -114,11 +114,11 @@ class Session:
         """Start computing."""
         self._thread.start()
 
-    def close(self) -> None:
-        """Stop computing, at the latest after the frame in work."""
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Stop computing after the frame in work, and wait for that at most `timeout_s`."""
         self._stop.set()
         if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+            self._thread.join(timeout=timeout_s)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until the drive is computed; whether it is."""
