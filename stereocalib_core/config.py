@@ -156,9 +156,9 @@ class FilterConfig:
     """Use later frames as well, within each unbroken stretch; off = causal."""
     gate: float = 21.0
     """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom)."""
-    gate_height_m: float = 0.015
-    """What a body may do between two frames besides, 1 sigma."""
-    gate_angle_deg: float = 0.15
+    gate_height_m: float = 0.04
+    """What a body may do between two frames besides, 1 sigma: a speed hump turns it by a degree and more."""
+    gate_angle_deg: float = 0.45
     recovery_frames: int = 2
     """Gated so often in a row, the filter believes that the mount has moved."""
 
