@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import lru_cache
 from typing import Any
 
@@ -16,8 +17,9 @@ from stereocalib_core.road.stages import DisparityMap
 _SUBPIXEL = 16.0
 
 
-@lru_cache(maxsize=8)
-def _matcher(first: int, count: int, config: DisparityConfig) -> Any:
+@lru_cache(maxsize=16)
+def _matcher(_thread: int, first: int, count: int, config: DisparityConfig) -> Any:
+    """One per thread: a matcher keeps its buffers, and two threads on one would corrupt each other's map."""
     return cv2.StereoSGBM.create(
         minDisparity=first,
         numDisparities=count,
@@ -51,7 +53,7 @@ def compute(
     count = min(wanted, (left.shape[1] - abs(first) - 8) // 16 * 16)
     if count < 16:
         return DisparityMap(np.full(left.shape, np.nan, np.float32), step)
-    raw = _matcher(first, count, config).compute(left, right)
+    raw = _matcher(threading.get_ident(), first, count, config).compute(left, right)
     scale = np.float32(step / _SUBPIXEL)
     values = raw.astype(np.float32)
     values *= scale
