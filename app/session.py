@@ -150,6 +150,10 @@ class Session:
         except StereoCalibError as error:
             LOG.warning("%s", error)
             self._publish(problem=str(error), done=True)
+        finally:
+            if not self._snapshot.done and not self._stop.is_set():
+                # Whatever it was is on the terminal; the page must not wait for ever.
+                self._publish(problem="the computation stopped unexpectedly: see the terminal", done=True)
 
     def _update_analysis(self, results: Sequence[FrameResult]) -> float:
         """Recompute what needs the whole drive; returns the seconds spent."""
