@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stereocalib_core.errors import OutputError, SourceError
 from stereocalib_core.results import FilteredExtrinsics, FrameResult, Measured, Rig
@@ -145,6 +144,8 @@ def read_kitti(path: Path) -> NDArray[np.float64]:
 
 def write_tum(path: Path, timestamps_s: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
     """(N,) times and (N, 4, 4) poses as `time x y z qx qy qz qw`; frames without a pose are left out."""
+    from scipy.spatial.transform import Rotation
+
     known = np.isfinite(poses).all(axis=(1, 2))
     quaternions = Rotation.from_matrix(poses[known, :3, :3]).as_quat(canonical=True) if known.any() else []
     lines = []
@@ -155,6 +156,8 @@ def write_tum(path: Path, timestamps_s: NDArray[np.float64], poses: NDArray[np.f
 
 def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A TUM trajectory to (N,) times [s] and (N, 4, 4) poses; raises SourceError."""
+    from scipy.spatial.transform import Rotation
+
     table = read_table(path, 8, "pose")
     poses = np.tile(np.eye(4), (len(table), 1, 1))
     poses[:, :3, 3] = table[:, 1:4]

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import Array
 from stereocalib_core.lidar_camera.calibration import Calibration
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation
+
+if TYPE_CHECKING:  # matplotlib takes most of a second to import, and only the figures need it
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Picture = NDArray[np.uint8]
 PANEL_WIDTH_PX = 960
@@ -114,6 +118,8 @@ def _caption(canvas: Picture, text: str) -> Picture:
 
 def residual_figure(result: Calibration) -> Figure:
     """Bars per pair: cloud points to board, corners, angle between the normals; refused pairs in red."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10, 6.5), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     names = [p.name for p in result.pairs]
@@ -134,6 +140,8 @@ def residual_figure(result: Calibration) -> Figure:
 
 def iteration_figure(result: Calibration) -> Figure:
     """Cost and corner reprojection over the iterations of the refinement (the paper's Fig. 8)."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7, 4), layout="constrained")
     left = figure.subplots()
     steps = range(len(result.iterations))
@@ -149,6 +157,8 @@ def iteration_figure(result: Calibration) -> Figure:
 
 def boards_figure(result: Calibration, observations: tuple[PairObservation, ...], board: BoardSpec) -> Figure:
     """Boards and their cloud points in the camera frame, seen from above and from the side."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11, 5), layout="constrained")
     top, side = figure.subplots(1, 2)
     used = {p.name: p for p in result.pairs if p.ok}
