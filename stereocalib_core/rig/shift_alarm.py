@@ -31,6 +31,7 @@ NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unc
 _HORIZONS = ((15, 30, 60), (20, 40, 60))
 """Frames after a shift by which it may be certain; the second for the yaw, in straight pairs."""
 _MOST_SHIFTS = 6
+_STANDING_M_S = 1.0
 _BLOCK, _DRIFT_BLOCKS = 20, 10
 """Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
 
@@ -77,6 +78,8 @@ def find_shifts(
     steady = np.zeros(len(results), dtype=bool)
     if motion is not None and len(results):
         values = remove_explained(values, motion)
+        # A standing car sees one scene, errors and all, again and again: nothing new to judge by.
+        values[np.abs(motion.speed) < _STANDING_M_S] = np.nan
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
