@@ -23,7 +23,7 @@ from stereocalib_core.lidar_camera.folder import read_picture
 from stereocalib_core.lidar_camera.trial import Trial, nudged, try_transform
 
 LOG = logging.getLogger(__name__)
-KEPT_PAIRS = 32
+KEPT_PAIRS = 12
 NO_NUDGE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 Nudge = tuple[float, float, float, float, float, float]
 

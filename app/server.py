@@ -59,7 +59,8 @@ def serve(
     sys.stdout.flush()
     try:
         while True:
-            time.sleep(3600.0)
+            # Short naps: a Ctrl-C just before a long one would only be seen at its end.
+            time.sleep(0.2)
     finally:
         # Whoever presses Ctrl-C does not wait for the frame in work.
         hub.close(timeout_s=0.2)
