@@ -59,19 +59,26 @@ def overlay(
     T_camera_lidar: Array,
     camera: BoardCamera,
     width_px: int = PANEL_WIDTH_PX,
+    dot_px: int = 2,
 ) -> Picture:
-    """Cloud over picture: (H, W) grey and (N, 3) points to (h, width_px, 3) BGR, coloured by distance."""
+    """Cloud over picture: (H, W) grey and (N, 3) points to (h, width_px, 3) BGR, coloured by distance.
+
+    Each point is a square of `dot_px`, nearer ones over farther ones.
+    """
     scale = width_px / picture.shape[1]
     size = (width_px, round(picture.shape[0] * scale))
     canvas = cv2.cvtColor(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR)
     points = points_lidar @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
     pixels, inside = visible_pixels(camera, points)
+    if not inside.any():
+        return np.asarray(canvas, dtype=np.uint8)
     distance = np.linalg.norm(points[inside], axis=1)
     share = np.log(np.clip(distance, NEAR_M, FAR_M) / NEAR_M) / np.log(FAR_M / NEAR_M)
     colours = cv2.applyColorMap((255 * (1 - share)).astype(np.uint8).reshape(-1, 1), cv2.COLORMAP_TURBO)[:, 0]
     at = np.round((pixels[inside] + 0.5) * scale - 0.5).astype(int)
     far_first = np.argsort(-distance, kind="stable")
-    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+    steps = range(-((dot_px - 1) // 2), dot_px // 2 + 1)
+    for dx, dy in ((dx, dy) for dy in steps for dx in steps):
         x = np.clip(at[far_first, 0] + dx, 0, size[0] - 1)
         y = np.clip(at[far_first, 1] + dy, 0, size[1] - 1)
         canvas[y, x] = colours[far_first]

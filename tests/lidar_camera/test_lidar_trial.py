@@ -10,6 +10,7 @@ import pytest
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.lidar_camera import BoardCamera, BoardSpec, PairObservation, calibrate
 from stereocalib_core.lidar_camera.boards import plane_of_board
+from stereocalib_core.lidar_camera.pictures import overlay
 from stereocalib_core.lidar_camera.planes import fit_plane
 from stereocalib_core.lidar_camera.rotations import rotation_from_vector
 from stereocalib_core.lidar_camera.trial import nudged, sigma_ellipsoid, try_transform
@@ -77,3 +78,12 @@ def test_the_ellipsoid_of_a_known_covariance() -> None:
     np.testing.assert_allclose(axes, [1e-3, 2e-3, 3e-3])
     assert np.linalg.det(turn) == pytest.approx(1.0)
     np.testing.assert_allclose(turn @ np.diag(axes**2) @ turn.T, R @ np.diag([1e-6, 4e-6, 9e-6]) @ R.T)
+
+
+def test_a_cloud_out_of_the_pictures_sight_leaves_the_picture_as_it_is() -> None:
+    picture = np.full((600, 800), 90, np.uint8)
+    behind = np.array([[-3.0, 0.0, 0.0], [-5.0, 1.0, 0.5]])
+    for points in (behind, np.zeros((0, 3))):
+        assert np.all(overlay(picture, points, TRUTH, CAMERA, 400) == 90)
+    ahead = overlay(picture, np.array([[4.0, 0.0, 0.0]]), TRUTH, CAMERA, 400, dot_px=4)
+    assert int((ahead != 90).any(axis=2).sum()) == 16
