@@ -50,9 +50,9 @@ class LidarPage:
         panel.dock_left()
         panel.set_width(VIEWS_WIDTH_PX)
         with panel.add_tab("Cloud on picture"):
+            self._close_up: Any = gui.add_checkbox("Close-up", False, hint="Only the board, larger.")
             self._after = gui.add_image(blank, format="jpeg")
             self._before = gui.add_image(blank, format="jpeg")
-            self._close_up = gui.add_checkbox("Close-up of the board", False)
             self._explain = gui.add_markdown(
                 "Near points are red, far ones blue. A good calibration puts the jump in range on the board's "
                 "edge. The linear solution is where the refinement starts."
@@ -177,8 +177,8 @@ class LidarPage:
             self._show_progress(snapshot)
             self._verdict.content = lidar_words.verdict(snapshot)
             self._words.content = lidar_words.pair_words(snapshot, name)
-            if self._slider.value != snapshot.wish.pair + 1:
-                self._slider.value = snapshot.wish.pair + 1
+            if snapshot.wish is self.session.wish:
+                self._align(snapshot)
             for part in self._parts:
                 part.update(snapshot)
         self.server.flush()
@@ -191,6 +191,15 @@ class LidarPage:
             self._show_pictures(snapshot, name)
         self.server.flush()
         self._look(snapshot)
+
+    def _align(self, snapshot: LidarSnapshot) -> None:
+        """The inputs follow what another browser, a key or a click in 3-D has changed."""
+        for handle, value in (
+            (self._slider, snapshot.wish.pair + 1),
+            (self._close_up, snapshot.wish.close_up),
+        ):
+            if handle.value != value:
+                handle.value = value
 
     def _show_progress(self, snapshot: LidarSnapshot) -> None:
         stage = STAGES.index(snapshot.stage) if snapshot.stage in STAGES else 0
@@ -214,7 +223,11 @@ class LidarPage:
         after = result.T_camera_lidar if snapshot.trial is None else snapshot.trial.T_camera_lidar
         pair, observation = result.pairs[index], detection.observations[index]
         views = (
-            (self._after, after, "After" if snapshot.trial is None else "Nudged by hand", "refined"),
+            (
+                (self._after, after, "After", "refined solution")
+                if snapshot.trial is None
+                else (self._after, after, "Nudged", "by hand from the refined solution")
+            ),
             (self._before, result.linear, "Before", "linear solution"),
         )
         for handle, T, title, note in views:

@@ -104,10 +104,11 @@ class NudgePanel:
     def update(self, snapshot: LidarSnapshot) -> None:
         """Show the residuals; the sliders follow a reset."""
         self._state.content = lidar_words.nudge_words(snapshot)
-        if self._page.session.wish.nudge == NO_NUDGE:
-            for slider in self._sliders:
-                if slider.value != 0.0:
-                    slider.value = 0.0
+        if snapshot.wish is not self._page.session.wish:
+            return
+        for slider, value in zip(self._sliders, snapshot.wish.nudge, strict=True):
+            if slider.value != value:
+                slider.value = value
 
 
 class ResultPanel:

@@ -17,10 +17,10 @@ from stereocalib_core.lidar_camera import BoardCamera, BoardSpec, PairObservatio
 from stereocalib_core.lidar_camera.pictures import draw_board, overlay
 
 Array = NDArray[np.float64]
-WIDTH_PX = 900
-CLOSE_UP_PX = 2400
-"""Width at which the cloud is drawn before a close-up is cut out."""
-MOST_HEIGHT_PX = 620
+WIDTH_PX = 840
+DOT_PX, CLOSE_UP_DOT_PX = 4, 7
+MOST_CLOSE_UP_PX = 6000
+"""Widest picture that is drawn to cut a close-up out of it."""
 THUMB_PX = (96, 60)
 GOOD, REFUSED, OUT = palette.ROAD, palette.FAILED, palette.INK_SOFT
 
@@ -34,20 +34,16 @@ def color_of(pair: PairResult | None) -> palette.Rgb:
     return OUT if pair.reason == "left out" else REFUSED
 
 
-def _window(
-    camera: BoardCamera, board: BoardSpec, T_camera_board: Array, width: int, height: int
-) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 of the board with some air, in a picture of this size."""
+def _window(camera: BoardCamera, board: BoardSpec, T_camera_board: Array) -> tuple[float, Array]:
+    """Width of a close-up of the board as a share of the picture's, and its centre as shares of both sides."""
     corners = board.outline_board @ T_camera_board[:3, :3].T + T_camera_board[:3, 3]
-    pixels = camera.project(corners) * (width / camera.width)
-    if not np.isfinite(pixels).all():
-        return 0, 0, width, height
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    middle, half = (low + high) / 2, 0.85 * float((high - low).max())
-    half_x, half_y = max(half, 40.0), max(half, 40.0) * height / width
-    x0, y0 = np.maximum(middle - (half_x, half_y), 0)
-    x1, y1 = np.minimum(middle + (half_x, half_y), (width, height))
-    return int(x0), int(y0), max(int(x1), int(x0) + 8), max(int(y1), int(y0) + 8)
+    size = np.array([camera.width, camera.height], dtype=np.float64)
+    shares = camera.project(corners) / size
+    if not np.isfinite(shares).all():
+        return 1.0, np.array([0.5, 0.5])
+    low, high = shares.min(axis=0), shares.max(axis=0)
+    part = float(np.clip(1.5 * (high - low).max(), WIDTH_PX / MOST_CLOSE_UP_PX, 1.0))
+    return part, np.clip((low + high) / 2, part / 2, 1 - part / 2)
 
 
 def cloud_over_picture(
@@ -66,18 +62,17 @@ def cloud_over_picture(
         return canvas.titled(canvas.notice(WIDTH_PX, 380, "no picture", files.problem[:80]), title)
     cloud = np.zeros((0, 3)) if files.cloud is None else files.cloud
     posed = observation.T_camera_board
-    zoomed = close_up and posed is not None
-    width = max(CLOSE_UP_PX, files.picture.shape[1]) if zoomed else WIDTH_PX
-    body: Picture = overlay(files.picture, cloud, T_camera_lidar, camera, width)
+    part, middle = 1.0, np.array([0.5, 0.5])
+    if close_up and posed is not None:
+        part, middle = _window(camera, board, posed)
+    dot_px = DOT_PX if part == 1.0 else CLOSE_UP_DOT_PX
+    drawn = overlay(files.picture, cloud, T_camera_lidar, camera, round(WIDTH_PX / part), dot_px)
     if posed is not None:
-        body = draw_board(body, camera, posed, board, pair is not None and pair.ok)
-        if zoomed:
-            x0, y0, x1, y1 = _window(camera, board, posed, body.shape[1], body.shape[0])
-            body = body[y0:y1, x0:x1]
-    body = np.ascontiguousarray(body[:, :, ::-1])
-    height = min(MOST_HEIGHT_PX, round(body.shape[0] * WIDTH_PX / body.shape[1]))
-    if body.shape[1] != WIDTH_PX:
-        body = cv2.resize(body, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        drawn = draw_board(drawn, camera, posed, board, pair is not None and pair.ok)
+    height = round(drawn.shape[0] * part)
+    x = int(np.clip(middle[0] * drawn.shape[1] - WIDTH_PX / 2, 0, drawn.shape[1] - WIDTH_PX))
+    y = int(np.clip(middle[1] * drawn.shape[0] - height / 2, 0, drawn.shape[0] - height))
+    body = np.ascontiguousarray(drawn[y : y + height, x : x + WIDTH_PX, ::-1])
     if files.cloud is None:
         canvas.put_label(body, files.problem[:70] or "no cloud", 8, 8, palette.FAILED, 22)
     return canvas.titled(body, title, note=note)

@@ -87,8 +87,10 @@ class LidarScene:
         self._scene.add_frame("/camera", show_axes=False)
         self._axes("/camera", 0.35)
         self._axes("/lidar", 0.35)
-        self._scene.add_label("/camera/name", "camera", position=(0.0, -0.12, 0.0))
-        self._name = self._scene.add_label("/lidar/name", "LiDAR", position=(0.0, 0.0, 0.12))
+        self._scene.add_label("/camera/name", "camera", position=(0.0, 0.12, 0.0), anchor="top-center")
+        self._name = self._scene.add_label(
+            "/lidar/name", "LiDAR", position=(0.0, 0.0, 0.15), anchor="bottom-center"
+        )
         self._cloud = self._scene.add_point_cloud(
             "/lidar/cloud", np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8),
             point_size=0.02, precision="float32", point_shading="flat",
@@ -208,7 +210,7 @@ class LidarScene:
         known = visible and bool(result.iterations)
         placed = ellipsoid_segments(covariance, gain) + result.T_camera_lidar[:3, 3]
         self._lines("/sigma", placed if known else placed[:0], palette.COMPARED, 2.0)
-        self._name.text = f"LiDAR · 1 σ ellipsoid ×{gain}" if known else "LiDAR"
+        self._name.text = f"LiDAR · 1 σ ×{gain}" if known else "LiDAR"
 
     def _show_frustum(self, snapshot: LidarSnapshot, files: PairFiles) -> None:
         assert snapshot.detection is not None, "asked for when there is a result"
@@ -245,4 +247,5 @@ def look_from(snapshot: LidarSnapshot) -> tuple[Array, Array]:
         found = [o.camera_plane.center for o in snapshot.detection.observations if o.camera_plane is not None]
         centers = found or centers
     target = np.median(np.array(centers), axis=0)
-    return target + np.array([-2.6, -2.2, -4.2]), target * np.array([1.0, 1.0, 0.8])
+    reach = float(np.linalg.norm(target))
+    return reach * np.array([-0.4, -0.5, -0.8]), 0.42 * target

@@ -122,22 +122,28 @@ class LidarSession:
     # --- the worker
 
     def _work(self) -> None:
-        seen = -1
         try:
-            detection = detect(self.folder, self._progress)
+            self._until_closed()
         except StereoCalibError as error:
+            LOG.warning("%s", error)
             self._publish(problem=f"{error.what}: {error.where}. {error.remedy}", stage="failed")
-            return
-        if self._closed:
-            return
+        finally:
+            if not self._closed and self.snapshot.stage != "failed":
+                # Whatever it was is on the terminal; the page must not wait for ever.
+                self._publish(
+                    problem="the computation stopped unexpectedly: see the terminal", stage="failed"
+                )
+
+    def _until_closed(self) -> None:
+        seen = -1
+        detection = detect(self.folder, self._progress)
         self._publish(detection=detection, stage="solving")
-        while True:
+        while not self._closed:
             with self._changed:
                 self._changed.wait_for(lambda seen=seen: self._closed or self._revision != seen)  # type: ignore[misc]
-                if self._closed:
-                    return
                 seen, wish = self._revision, self._wish
-            self._fulfil(detection, wish)
+            if not self._closed:
+                self._fulfil(detection, wish)
 
     def _progress(self, stage: str, done: int, total: int) -> None:
         if not self._closed:

@@ -1,0 +1,220 @@
+"""The page of a camera and a LiDAR on a small simulated room, through a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import until
+
+from app import lidar_view
+from app.lidar_panels import command
+from app.lidar_view import LidarView
+from stereocalib_core.errors import SourceError
+from stereocalib_core.geometry import transform
+from stereocalib_core.lidar_camera import BoardCamera, BoardSpec
+from stereocalib_core.lidar_camera.rotations import rotation_from_vector
+
+CAMERA = BoardCamera("pinhole", 640, 420, np.array([[480.0, 0, 320], [0, 480, 210], [0, 0, 1]]), np.zeros(4))
+PAIRS = 6
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LidarView]:
+    """A room of six pairs, one of whose clouds is cut off, completely solved."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "lidar_camera"))
+    from lidar_scenes import FLU_TO_RDF, vlp16, write_folder
+
+    folder = tmp_path_factory.mktemp("lidar") / "room"
+    truth = transform(rotation_from_vector(np.deg2rad([2.0, -3.0, 1.0])) @ FLU_TO_RDF, [0.1, -0.25, -0.15])
+    write_folder(folder, CAMERA, BoardSpec(7, 5, 0.11), truth, vlp16(), PAIRS, seed=9, held=False)
+    cut = folder / "clouds" / "pair02.bin"
+    cut.write_bytes(cut.read_bytes()[:-7])
+    started = lidar_view.start(folder, port=0)
+    until(lambda: started.session.snapshot.stage in {"ready", "failed"}, 60.0, "solved")
+    assert started.session.snapshot.problem == ""
+    yield started
+    started.close()
+
+
+@pytest.fixture(scope="module")
+def page(view: LidarView, browser: Any) -> Iterator[Any]:
+    opened = browser.new_page()
+    opened.foreign = []
+    own = f"127.0.0.1:{view.server.get_port()}"
+    opened.on(
+        "request",
+        lambda r: (
+            opened.foreign.append(r.url)
+            if own not in r.url and not r.url.startswith(("data:", "blob:"))
+            else None
+        ),
+    )
+    opened.goto(f"http://{own}/")
+    opened.get_by_role("tab", name="Export", exact=True).wait_for(timeout=30_000)
+    until(lambda: view.server.get_clients(), what="browser connected")
+    opened.evaluate("() => document.querySelector('.mantine-Notification-closeButton')?.click()")
+    yield opened
+    assert opened.foreign == []
+    opened.close()
+
+
+@pytest.fixture(autouse=True)
+def _put_back(view: LidarView) -> None:
+    session = view.session
+    session.change(pair=0, excluded=frozenset(), nudge=(0.0,) * 6, close_up=False)
+    until(lambda: session.snapshot.wish is session.wish, what="put back")
+
+
+def tab(page: Any, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click(force=True)
+
+
+@pytest.mark.browser
+def test_pairs_are_listed_with_thumbnails_residuals_and_reasons(page: Any) -> None:
+    tab(page, "Pairs")
+    until(lambda: page.get_by_text("5 of 6 pairs used").is_visible(), what="headline")
+    assert page.get_by_text(re.compile(r"good|weak")).first.is_visible()
+    for index in range(PAIRS):
+        thumb = page.locator(f".pair-{index}")
+        image = thumb.evaluate("e => getComputedStyle(e).backgroundImage")
+        assert image.startswith('url("data:image/jpeg'), image[:40]
+    row = page.locator(".pair-0").locator("xpath=..").text_content()
+    assert re.search(r"pair00[\d.]+ mm · [\d.]+ px · [\d.]+°", row), row
+    assert "cut off" in page.locator(".pair-2").locator("xpath=..").text_content()
+    assert page.get_by_label("use pair02").is_disabled()
+
+
+@pytest.mark.browser
+def test_ticking_a_pair_out_solves_at_once(page: Any, view: LidarView) -> None:
+    tab(page, "Pairs")
+    before = view.session.snapshot.result
+    page.get_by_label("use pair01").dispatch_event("click")
+    until(lambda: view.session.snapshot.solved_for == {"pair01"}, what="solved without it")
+    now = view.session.snapshot
+    assert now.result is not before
+    assert now.result is not None
+    assert now.result.pairs[1].reason == "left out"
+    until(lambda: page.get_by_text("4 of 6 pairs used").is_visible(), what="told")
+    tab(page, "Result")
+    until(lambda: page.get_by_text(re.compile("Ticks moved it by")).is_visible(), what="change told")
+    tab(page, "Export")
+    copied = page.get_by_role("button", name="Copy the command").get_attribute("data-text")
+    assert copied.endswith("--exclude pair01")
+    tab(page, "Pairs")
+    page.get_by_role("button", name="Use all pairs").click(force=True)
+    until(lambda: view.session.snapshot.solved_for == set(), what="all again")
+    np.testing.assert_array_equal(view.session.snapshot.result.T_camera_lidar, before.T_camera_lidar)  # type: ignore[union-attr]
+
+
+@pytest.mark.browser
+def test_solving_again_is_quick(view: LidarView) -> None:
+    times = []
+    for name in ("pair00", "pair01", "pair03", "pair04", "pair05"):
+        view.session.change(excluded=frozenset({name}))
+        until(lambda name=name: view.session.snapshot.solved_for == {name}, what="solved")  # type: ignore[misc]
+        times.append(view.session.snapshot.solve_s)
+    assert min(times) < 0.2
+
+
+@pytest.mark.browser
+def test_too_few_boards_are_told_with_the_direction_and_no_board_kindly(page: Any, view: LidarView) -> None:
+    view.session.change(excluded=frozenset({"pair01", "pair03", "pair04", "pair05"}))
+    until(lambda: page.get_by_text("Do not use this result").is_visible(), what="warned")
+    assert page.get_by_text(re.compile("add a board turned")).is_visible()
+    view.session.change(excluded=frozenset(f"pair0{i}" for i in range(PAIRS)))
+    until(lambda: page.get_by_text(re.compile("no pair shows the board")).is_visible(), what="told")
+    view.session.change(excluded=frozenset())
+    until(lambda: page.get_by_text("5 of 6 pairs used").is_visible(), what="mended")
+
+
+@pytest.mark.browser
+def test_a_nudge_moves_cloud_and_residuals_and_comes_back(page: Any, view: LidarView) -> None:
+    tab(page, "Nudge")
+    solved = view.session.snapshot.result
+    assert solved is not None
+    row = page.get_by_text("shift z m", exact=True).locator("xpath=ancestor::*[.//input][1]")
+    entry = row.locator(".mantine-NumberInput-input").first
+    entry.fill("0.08")
+    entry.press("Enter")
+    trial = until(lambda: view.session.snapshot.trial, what="nudged")
+    assert trial.total_rms_m > 2 * solved.plane_rms_m
+    assert trial.T_camera_lidar[2, 3] == pytest.approx(solved.T_camera_lidar[2, 3] + 0.08)
+    until(lambda: page.get_by_text(re.compile("Nudged: cloud to board")).is_visible(), what="told")
+    until(
+        lambda: np.allclose(view.page.scene._lidar.position, trial.T_camera_lidar[:3, 3]), what="moved in 3-D"
+    )
+    page.get_by_role("button", name="Back to the solution").click(force=True)
+    until(lambda: view.session.snapshot.trial is None, what="back")
+    until(lambda: entry.input_value() in {"0", "0.000"}, what="slider back")
+
+
+@pytest.mark.browser
+def test_the_slider_shows_another_pair(page: Any, view: LidarView) -> None:
+    picture = view.page._after._data
+    page.get_by_role("button", name="next ▶").click(force=True)
+    until(lambda: page.get_by_text(re.compile("Pair 2 of 6")).is_visible(), what="second pair")
+    until(lambda: view.page._after._data != picture, what="its picture")
+    picture = view.page._after._data
+    page.get_by_label("Close-up").dispatch_event("click")
+    until(lambda: view.page._after._data not in (None, picture), what="close-up")
+    page.get_by_role("button", name="tick in or out").click(force=True)
+    until(lambda: view.session.snapshot.solved_for == {"pair01"}, what="ticked out")
+    view.session.change(pair=2)
+    until(lambda: page.get_by_text(re.compile("Pair 3 of 6")).is_visible(), what="a refused pair")
+
+
+@pytest.mark.browser
+def test_exports(page: Any, view: LidarView, tmp_path: Path) -> None:
+    tab(page, "Export")
+    for label, name in (
+        ("Calibration, JSON", "calibration.json"),
+        ("Overlay of this pair, PNG", "overlay.png"),
+        ("ROS 2 static transform, sh", "static_transform.sh"),
+    ):
+        with page.expect_download(timeout=30_000) as download:
+            page.get_by_role("button", name=label).click(force=True)
+        assert download.value.suggested_filename == name
+        download.value.save_as(tmp_path / name)
+    result = view.session.snapshot.result
+    assert result is not None
+    written = json.loads((tmp_path / "calibration.json").read_text())
+    np.testing.assert_allclose(written["T_camera_lidar"], result.T_camera_lidar)
+    assert cv2.imread(str(tmp_path / "overlay.png")).shape[1] > 1000
+    assert result.ros2_static_transform() in (tmp_path / "static_transform.sh").read_text()
+
+
+@pytest.mark.browser
+def test_an_overlay_that_cannot_be_is_told_kindly(page: Any, view: LidarView) -> None:
+    tab(page, "Export")
+    view.session.change(pair=2)
+    until(lambda: view.session.snapshot.wish.pair == 2, what="refused pair")
+    page.get_by_role("button", name="Overlay of this pair, PNG").click(force=True)
+    until(lambda: page.get_by_text("no overlay of this pair").count(), what="told")
+
+
+def test_boards_lead_to_their_pair(view: LidarView) -> None:
+    class Click:
+        client = None
+        instance_index = 3
+
+    view.page._board_clicked(Click(), 3)
+    until(lambda: view.session.snapshot.wish.pair == 3, what="chosen")
+
+
+def test_a_folder_that_is_none_is_refused_before_a_server_starts(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no folder of boards"):
+        lidar_view.start(tmp_path, port=0)
+
+
+def test_the_command_is_safe_to_paste() -> None:
+    assert command(Path("/a b"), frozenset({"x", "c;d"})) == (
+        "stereocalib lidar-camera '/a b' --out 'a b-calibration' --exclude 'c;d,x'"
+    )
