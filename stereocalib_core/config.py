@@ -116,8 +116,8 @@ class DirectConfig:
     near_m: float = 4.0
     far_m: float = 20.0
     lane_half_width_m: float = 1.75
-    patch_half_width_px: int = 7
-    patch_half_height_px: int = 2
+    patch_half_width_px: int = 9
+    patch_half_height_px: int = 3
     iterations: int = 4
     robust_rounds: int = 4
     tukey: float = 4.0
@@ -127,8 +127,16 @@ class DirectConfig:
     initial_unevenness_m: float = 0.004
     max_unevenness_m: float = 0.008
     """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""
-    uneven_length_m: float = 0.7
+    uneven_length_m: float = 1.5
     """Road heights closer than this rise and fall together."""
+    max_bend_m: float = 0.03
+    """Largest bend of the lane across or along, and twist, 1 sigma."""
+    min_bend_m: float = 0.0005
+    bend_significance: float = 8.0
+    """A bend counts as far as its square exceeds so many times its variance."""
+    unmodelled_along: float = 0.3
+    """Of what the lane bends and of its unevenness, the share that neither plane nor bends describe, 1 sigma."""
+    unmodelled_across: float = 0.12
     covariance_factor: float = 1.0
     min_patches: int = 40
     agree_height_m: float = 0.06

@@ -16,11 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
+from stereocalib_core.road.patches import align, lay_patches, offsets_of
 
 Float = NDArray[np.float64]
 
@@ -55,179 +55,44 @@ class DirectFit:
     agreement: float
 
 
-@njit(cache=True, nogil=True)
-def _lay_patches(
-    height: int,
-    width: int,
-    f: float,
-    cx: float,
-    cy: float,
-    b: float,
-    plane: Float,
-    camera_height: float,
-    half_u: int,
-    half_v: int,
-    near: float,
-    far: float,
-    half_lane: float,
-    allowed: NDArray[np.bool_],
-    step: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
-    """Centres u, v (N,) and road distance (N,) of a tiling of the lane; `allowed` is on the disparity grid."""
-    us, vs, zs = [], [], []
-    rows, columns = allowed.shape
-    for v in range(height - 3 - half_v, int(half_v) + 2, -(2 * half_v + 1)):
-        middle = plane[0] * (v - cy) + plane[2]
-        if middle <= 1.0:
-            break
-        if f * b / middle > 1.3 * far:
-            break
-        reach = int(half_lane / b * middle) + 1
-        for k in range(-(reach // (2 * half_u + 1)), reach // (2 * half_u + 1) + 1):
-            u = int(cx) + k * (2 * half_u + 1)
-            d = plane[0] * (v - cy) + plane[1] * (u - cx) + plane[2]
-            if d <= 1.0:
-                continue
-            z = f * b / d
-            if z < near or z > far or abs((u - cx) * b / d) > half_lane:
-                continue
-            if u - half_u - 2 < 0 or u + half_u + 3 > width or u - d - half_u - 4 < 0:
-                continue
-            i, j = min(v // step, rows - 1), min(u // step, columns - 1)
-            if allowed[i, j]:
-                us.append(u)
-                vs.append(v)
-                zs.append(z)
-    return np.array(us, np.int64), np.array(vs, np.int64), np.array(zs, np.float64)
-
-
-@njit(cache=True, nogil=True)
-def _align(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    cx: float,
-    cy: float,
-    shift: float,
-    plane: Float,
-    us: NDArray[np.int64],
-    vs: NDArray[np.int64],
-    half_u: int,
-    half_v: int,
-    sums: Float,
-) -> None:
-    """Per patch the sums of products of gradients and difference, (N, 6): uu, uv, vv, ur, vr, rr; uu = 0: nothing seen.
-
-    The right image is read between its pixels by cubic convolution along the row. The gradient along u is
-    the mean of left and warped right, which takes the noise of either out of the other's step; along v it
-    is the left one.
-    """
-    n_u, n_v = 2 * half_u + 1, 2 * half_v + 1
-    n = n_u * n_v
-    warped = np.empty((n_v, n_u + 2))
-    for p in range(len(us)):
-        u0, v0 = us[p], vs[p]
-        mean_l = mean_r = 0.0
-        for a in range(n_v):
-            v = v0 + a - half_v
-            base = plane[0] * (v - cy) + plane[2] + shift
-            for c in range(n_u + 2):
-                u = u0 + c - half_u - 1
-                x = u - (base + plane[1] * (u - cx))
-                i = int(np.floor(x))
-                t = x - i
-                if i < 1 or i + 2 >= right.shape[1]:
-                    i = min(max(i, 1), right.shape[1] - 3)
-                p0, p1 = float(right[v, i - 1]), float(right[v, i])
-                p2, p3 = float(right[v, i + 1]), float(right[v, i + 2])
-                warped[a, c] = p1 + 0.5 * t * (
-                    p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * (3.0 * (p1 - p2) + p3 - p0))
-                )
-            for c in range(n_u):
-                mean_l += left[v, u0 + c - half_u]
-                mean_r += warped[a, c + 1]
-        mean_l /= n
-        mean_r /= n
-        s_ll = s_rr = s_lr = 0.0
-        for a in range(n_v):
-            v = v0 + a - half_v
-            for c in range(n_u):
-                x_l = left[v, u0 + c - half_u] - mean_l
-                x_r = warped[a, c + 1] - mean_r
-                s_ll += x_l * x_l
-                s_rr += x_r * x_r
-                s_lr += x_l * x_r
-        sums[p] = 0.0
-        if s_ll < 2.0 * n or s_rr < 2.0 * n or s_lr < 0.3 * np.sqrt(s_ll * s_rr):
-            continue
-        gain = np.sqrt(s_ll / s_rr)
-        m_u = m_v = uu = uv = vv = ur = vr = rr = 0.0
-        for a in range(n_v):
-            v = v0 + a - half_v
-            for c in range(n_u):
-                u = u0 + c - half_u
-                g_l = float(left[v, u + 1]) - float(left[v, u - 1])
-                g_u = 0.25 * (g_l + gain * (warped[a, c + 2] - warped[a, c]))
-                g_v = 0.5 * (float(left[v + 1, u]) - float(left[v - 1, u]))
-                r = (left[v, u] - mean_l) - gain * (warped[a, c + 1] - mean_r)
-                m_u += g_u
-                m_v += g_v
-                uu += g_u * g_u
-                uv += g_u * g_v
-                vv += g_v * g_v
-                ur += g_u * r
-                vr += g_v * r
-                rr += r * r
-        sums[p, 0] = uu - m_u * m_u / n
-        sums[p, 1] = uv - m_u * m_v / n
-        sums[p, 2] = vv - m_v * m_v / n
-        sums[p, 3] = ur
-        sums[p, 4] = vr
-        sums[p, 5] = rr
-
-
-def _offsets(sums: Float, u: Float, trust: Float, pixels: int) -> tuple[Float, Float]:
-    """Each patch's disparity offset [px] from the plane and its sigma (inf = nothing to see).
-
-    The right image's rows may lie a little off: left - right = -offset g_u + dv g_v with one
-    dv = dv_0 + dv_1 u for the lane, found from all patches with their own offsets eliminated. Without it an
-    edge that runs nearly along the rows would turn dv into disparity.
-    """
-    uu, uv, vv, ur, vr, rr = sums.T
-    seen = uu > 1e-6
-    safe = np.where(seen, uu, 1.0)
-    information = np.where(seen, np.maximum(vv - uv * uv / safe, 0.0), 0.0)
-    pull = np.where(seen, vr - uv * ur / safe, 0.0)
-    x = u / 100.0
-    w = trust * information
-    H = np.array([[w.sum(), (w * x).sum()], [(w * x).sum(), (w * x * x).sum()]])
-    rows = np.zeros(len(u))
-    if np.linalg.cond(H) < 1e8:
-        a, b = np.linalg.solve(H, np.array([(trust * pull).sum(), (trust * pull * x).sum()]))
-        rows = np.clip(a + b * x, -1.5, 1.5)
-    offset = -(ur - rows * uv) / safe
-    left_over = rr + offset**2 * uu + rows**2 * vv + 2 * offset * ur - 2 * rows * vr - 2 * offset * rows * uv
-    sigma = np.sqrt((np.maximum(left_over, 0.0) / (pixels - 3) + 0.1) / safe)
-    usable = seen & (np.abs(offset) <= 2.0)
-    return np.where(usable, offset, 0.0), np.where(usable, sigma, np.inf)
-
-
 def _tukey(residual: Float, limit: float) -> Float:
     return np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
 
 
+def _bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
+    """(N, 2) what a lane does besides being a plane: it is cambered and it twists; in units of 1 m of height.
+
+    Both have mean zero and no slope over the lane from `near_m` to `far_m`, so that the plane that is left is
+    the least-squares plane of the surface, however unevenly the picture samples it.
+    """
+    x = x_m / config.lane_half_width_m
+    z = (z_m - 0.5 * (config.far_m + config.near_m)) / (0.5 * (config.far_m - config.near_m))
+    return np.column_stack([x * x - 1.0 / 3.0, x * z])
+
+
 def _solve(
-    J: Float, offset: Float, variance: Float, start: Float, config: DirectConfig
-) -> tuple[Float, Float, float]:
-    """Robust weighted least squares: (3,) update, (N,) robust weights, scale of the normalised residuals."""
-    x = start
+    J: Float, offset: Float, variance: Float, prior_m: Float, config: DirectConfig
+) -> tuple[Float, Float]:
+    """Robust weighted least squares of (N, 5) plane and bends: (5,) solution, (N,) robust weights.
+
+    prior_m: (2,) how large the bends may be [m], 1 sigma.
+    """
+    x = np.zeros(J.shape[1])
+    prior = np.diag(np.concatenate([np.zeros(3), 1.0 / prior_m**2]))
     for _ in range(config.robust_rounds):
         residual = (offset - J @ x) / np.sqrt(variance)
         scale = max(1.4826 * float(np.median(np.abs(residual))), config.min_scale)
         robust = _tukey(residual, config.tukey * scale)
         w = robust / variance
-        H = (J * w[:, None]).T @ J
+        H = (J * w[:, None]).T @ J + prior
         x = np.asarray(np.linalg.solve(H, (J * w[:, None]).T @ offset), dtype=np.float64)
-    return x, robust, scale
+    return x, robust
+
+
+def _bend_prior(x: Float, covariance: Float, config: DirectConfig) -> Float:
+    """(2,) sizes [m] of the bends that the fit itself supports: what is not significant is held near zero."""
+    excess = x[3:] ** 2 - config.bend_significance * np.diag(covariance)[3:]
+    return np.clip(np.sqrt(np.maximum(excess, 0.0)), config.min_bend_m, config.max_bend_m)
 
 
 def fit_direct(
@@ -247,7 +112,7 @@ def fit_direct(
     parameters = np.array([plane.a, plane.b, plane.c_px])
     f, cx, cy, b = (float(x) for x in (camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m))
     half_u, half_v = config.patch_half_width_px, config.patch_half_height_px
-    us, vs, z = _lay_patches(
+    us, vs, z = lay_patches(
         camera.height, camera.width, f, cx, cy, b, parameters, start.height_m, half_u, half_v,
         config.near_m, config.far_m, config.lane_half_width_m, allowed, step_px,
     )  # fmt: skip
@@ -255,26 +120,31 @@ def fit_direct(
         return None
     J_all = np.column_stack([vs - cy, us - cx, np.ones(len(us))])
     height_per_px = start.height_m * z / (f * b)
+    bends_all = _bends((us - cx) * z / f, z, config) / height_per_px[:, None]
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * start.height_m)
     shared = np.maximum(config.uneven_length_m**2 / area, 1.0)
     sums, trust = np.empty((len(us), 6)), np.ones(len(us))
     pixels = (2 * half_u + 1) * (2 * half_v + 1)
     unevenness = config.initial_unevenness_m
     for iteration in range(config.iterations):
-        _align(left, right, cx, cy, camera.disparity_offset_px, parameters, us, vs, half_u, half_v, sums)
-        offsets, sigmas = _offsets(sums, us - cx, trust, pixels)
+        align(left, right, cx, cy, camera.disparity_offset_px, parameters, us, vs, half_u, half_v, sums)
+        offsets, sigmas = offsets_of(sums, us.astype(np.float64) - cx, trust, pixels)
         seen = np.isfinite(sigmas)
         if np.count_nonzero(seen) < config.min_patches:
             return None
-        J, offset = J_all[seen], offsets[seen]
+        J, offset = np.hstack([J_all[seen], bends_all[seen]]), offsets[seen]
         noise = sigmas[seen] ** 2 + config.noise_floor_px**2
         road = (1.0 / height_per_px[seen]) ** 2
         variance = noise + unevenness**2 * road * shared[seen]
         try:
-            x, robust, _ = _solve(J, offset, variance, np.zeros(3), config)
+            open_prior = np.full(bends_all.shape[1], config.max_bend_m)
+            x, robust = _solve(J, offset, variance, open_prior, config)
+            spread = _covariance(J, offset - J @ x, variance, robust, open_prior)
+            prior = _bend_prior(x, spread, config)
+            x, robust = _solve(J, offset, variance, prior, config)
         except np.linalg.LinAlgError:
             return None
-        parameters = parameters + x
+        parameters = parameters + x[:3]
         residual = offset - J @ x
         trust = np.zeros(len(us))
         trust[seen] = robust
@@ -284,12 +154,17 @@ def fit_direct(
         return None
     fitted = DisparityPlane(*(float(p) for p in parameters))
     extrinsics = fitted.extrinsics(camera)
-    covariance = _covariance(J, residual, variance, robust, noise, road, shared[seen], unevenness, config)
+    covariance = config.covariance_factor * _covariance(J, residual, variance, robust, prior)[:3, :3]
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
+    surface = _surface_variance(x, unevenness, config)
     weight = trust
-    patches = PatchFit(us.astype(np.float64), vs.astype(np.float64), z, offsets - J_all @ x, sigmas, weight)
-    agreement = _agreement(offsets - J_all @ x, sigmas, height_per_px, area, config)
-    return DirectFit(extrinsics, to_extrinsics @ covariance @ to_extrinsics.T, patches, unevenness, agreement)
+    patches = PatchFit(
+        us.astype(np.float64), vs.astype(np.float64), z, offsets - J_all @ x[:3], sigmas, weight
+    )
+    agreement = _agreement(offsets - J_all @ x[:3], sigmas, height_per_px, area, config)
+    return DirectFit(
+        extrinsics, to_extrinsics @ covariance @ to_extrinsics.T + surface, patches, unevenness, agreement
+    )
 
 
 def _agreement(
@@ -298,6 +173,18 @@ def _agreement(
     """Share of the seen lane (by image area) that lies within `agree_height_m` of the plane."""
     seen = np.isfinite(sigmas)
     return float(np.mean(np.abs(residual[seen]) * height_per_px[seen] < config.agree_height_m))
+
+
+def _surface_variance(x: Float, unevenness_m: float, config: DirectConfig) -> Float:
+    """(3, 3) of height, pitch, roll: a surface that bends so much also does what plane and bends do not describe.
+
+    Along the lane no bend is fitted, so more is left there than across.
+    """
+    rough = float(np.sum(x[3:] ** 2)) + unevenness_m**2
+    along = config.unmodelled_along**2 * rough
+    across = config.unmodelled_across**2 * rough
+    half_length = 0.5 * (config.far_m - config.near_m)
+    return np.diag([along, along / half_length**2, across / config.lane_half_width_m**2])
 
 
 def _unevenness(residual: Float, noise: Float, road: Float, robust: Float, config: DirectConfig) -> float:
@@ -312,22 +199,12 @@ def _unevenness(residual: Float, noise: Float, road: Float, robust: Float, confi
     return float(np.sqrt(max(mean - 2.0 * error, 0.0)))
 
 
-def _covariance(
-    J: Float,
-    residual: Float,
-    variance: Float,
-    robust: Float,
-    noise: Float,
-    road: Float,
-    shared: Float,
-    unevenness: float,
-    config: DirectConfig,
-) -> Float:
-    """(3, 3) of the plane's parameters from the residuals actually found."""
-    keep = robust > 0
+def _covariance(J: Float, residual: Float, variance: Float, robust: Float, prior_m: Float) -> Float:
+    """(5, 5) of plane and bends, from the residuals actually found."""
     w = robust / variance
-    H_inv = np.linalg.inv((J * w[:, None]).T @ J)
-    chi2 = float(np.sum(robust * residual**2 / (noise + unevenness**2 * road)) / np.sum(robust))
-    true_variance = max(chi2, 0.3) * (noise + unevenness**2 * road * shared)
-    meat = (J[keep] * (w[keep] ** 2 * true_variance[keep])[:, None]).T @ J[keep]
-    return config.covariance_factor * H_inv @ meat @ H_inv
+    prior = np.diag(np.concatenate([np.zeros(3), 1.0 / prior_m**2]))
+    chi2 = float(np.sum(w * residual**2) / np.sum(robust))
+    H = (J * w[:, None]).T @ J
+    H_inv = np.linalg.inv(H + prior)
+    meat = max(chi2, 0.3) * ((J * (robust * w)[:, None]).T @ J) + prior
+    return np.asarray(H_inv @ meat @ H_inv, dtype=np.float64)
