@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stereocalib_core.errors import ConfigError
 from stereocalib_core.experiments import lidar_camera_report as report
 from stereocalib_core.experiments.lidar_camera_simulation import (
     BOARD,
@@ -31,6 +32,7 @@ from stereocalib_core.lidar_camera.refine import JointState, Noise, refine
 from stereocalib_core.lidar_camera.rotations import rotation_from_vector
 from stereocalib_core.lidar_camera.solve import PlanePairs, dual_space, split_covariance, weighted
 
+Progress = Callable[[int, int, str], None]
 COUNTS = tuple(range(5, 16))
 SOLVERS = ("dual_space", "unnikrishnan_hebert", "points_on_plane", "weighted", "refined")
 SHOWN_COUNT = 11
@@ -41,12 +43,20 @@ KAPPA = 10.0
 
 def run(
     out: Path,
+    source: str | None = None,
+    progress: Progress | None = None,
     repeats: int = 500,
     workers: int = 2,
-    progress: Callable[[str, int, int], None] | None = None,
     counts: Sequence[int] = COUNTS,
 ) -> dict[str, Any]:
-    """Write lidar-camera.json, lidar-camera.md and the figures into `out`; returns what the JSON holds."""
+    """Write lidar-camera.json, lidar-camera.md and the figures into `out`; returns what the JSON holds.
+
+    `source` is not used: the truth must be known. `progress` gets (done, total, what).
+    """
+    if source is not None:
+        raise ConfigError(
+            "experiment lidar-camera takes no source", source, "it simulates boards whose truth is known"
+        )
     samples = simulate(repeats, workers, progress, counts)
     result = summarise(samples, counts)
     (out / "lidar-camera.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
@@ -57,7 +67,7 @@ def run(
 def simulate(
     repeats: int,
     workers: int = 2,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     counts: Sequence[int] = COUNTS,
 ) -> dict[int, dict[str, Array]]:
     """All trials: count -> solver -> (repeats, 4) errors of matrix, translation [m], rotation, and eq. 7 [px].
@@ -74,14 +84,14 @@ def simulate(
         for done, task in enumerate(tasks, start=1):
             blocks.append(trials(task))
             if progress is not None:
-                progress("simulating boards", done, len(tasks))
+                progress(done, len(tasks), "simulating boards")
     else:
         # A fresh interpreter per worker: safe whatever threads the caller runs.
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
             for done, block in enumerate(pool.map(trials, tasks), start=1):
                 blocks.append(block)
                 if progress is not None:
-                    progress("simulating boards", done, len(tasks))
+                    progress(done, len(tasks), "simulating boards")
     return {
         count: {
             name: np.concatenate([b[name] for b, task in zip(blocks, tasks, strict=True) if task[0] == count])
