@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig, ProfileConfig
 from stereocalib_core.geometry import Extrinsics, StereoCamera, roll_from_slope
-from stereocalib_core.road.profile import collect, fit_paper, fit_profile
+from stereocalib_core.road.profile import collect, fit_paper, fit_profile, search_profile
 from stereocalib_core.road.stages import DisparityMap
 
 _EVERYWHERE_M = 1000.0
@@ -65,6 +65,16 @@ def labayrade_roll(
     )  # fmt: skip
     if len(v) < config.min_inliers:
         return None
+    start = search_profile(u, v, d, camera, config)
+    if start is None:
+        return None
+    tilt, slope, intercept = start
+    # The wedge of the road about the first line, whatever its roll; the rest is sky and roadside.
+    expected = (v - tilt * (u - camera.cx_px) - intercept) / slope
+    road = np.abs(d - expected) < 2.0 + 0.15 * expected
+    u, v, d = u[road], v[road], d[road]
+    if len(v) < config.min_inliers:
+        return None
     low, high = np.tan(np.deg2rad([-6.0, 6.0]))
     coarse = max(projections // 2, 3)
     best = None
@@ -75,7 +85,8 @@ def labayrade_roll(
         before, at, after = spread[k - 1 : k + 2]
         bend = before - 2 * at + after
         step = tilts[1] - tilts[0]
-        best = float(tilts[k] + (0.5 * step * (before - after) / bend if bend > 0 else 0.0))
+        shift = 0.5 * (before - after) / bend if bend > 0 else 0.0
+        best = float(tilts[k] + step * np.clip(shift, -1.0, 1.0))
         low, high = best - 0.5 * step, best + 0.5 * step
     assert best is not None
     level = v - best * (u - camera.cx_px)
@@ -89,10 +100,8 @@ def labayrade_roll(
 
 def _spread(level: NDArray[np.float64], d: NDArray[np.float64]) -> float:
     """Robust spread [px] of the levelled rows about their profile, by two rounds of least squares."""
-    keep = np.ones(len(d), dtype=bool)
-    residual = level
-    for _ in range(3):
-        gain, offset = np.polyfit(d[keep], level[keep], 1)
-        residual = level - gain * d - offset
-        keep = np.abs(residual) < 3.0 * 1.4826 * np.median(np.abs(residual[keep]))
-    return float(np.mean(np.minimum(residual**2, 400.0)))
+    gain, offset = np.polyfit(d, level, 1)
+    residual = level - gain * d - offset
+    keep = np.abs(residual) < 4.0 * 1.4826 * np.median(np.abs(residual))
+    gain, offset = np.polyfit(d[keep], level[keep], 1)
+    return float(np.mean(np.minimum((level - gain * d - offset) ** 2, 900.0)))
