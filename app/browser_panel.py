@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 class BrowserPanel:
     """A folder of the main panel that only this browser has."""
 
+    def show_own(self, own: bool) -> None:
+        """Say whether this browser explores on its own."""
+        self._own.value = own
+
     def __init__(self, hub: Hub, client: viser.ClientHandle) -> None:
         gui = client.gui
         with gui.add_folder("This browser", expand_by_default=False, order=1e6):

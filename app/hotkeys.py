@@ -70,4 +70,4 @@ def _register(gui: Any, command: Command, page_of: Callable[[int], Page]) -> Non
         if command.label == EXPORT:
             page.run_for_client(event, page.header.exports.send_sheet)
         else:
-            page.run_for_client(event, lambda _client: command.run(page))
+            page.run_for_client(event, lambda _client: page.run_command(command.run))

@@ -150,6 +150,7 @@ class Hub:
             self._place(page)
             page.playback.seek(shared.playback.state.frame)
             page.start()
+        self._say_own(client, True)
         self.fit(client)
 
     def attach(self, client: viser.ClientHandle) -> None:
@@ -161,7 +162,13 @@ class Hub:
             page.close()
             self._set_shared_visible(client.client_id, True)
             self._drop_unused()
+        self._say_own(client, False)
         self.fit(client)
+
+    def _say_own(self, client: viser.ClientHandle, own: bool) -> None:
+        browser = self._browsers.get(client.client_id)
+        if browser is not None:
+            browser.show_own(own)
 
     def _set_shared_visible(self, client_id: int, visible: bool) -> None:
         """Show or hide the shared page in one browser only."""

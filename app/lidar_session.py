@@ -73,6 +73,10 @@ class PairFiles:
     problem: str = ""
 
 
+class _ClosedError(Exception):
+    """The page was closed while boards were being looked for."""
+
+
 class LidarSession:
     """Owns the worker. `show(snapshot)` is called by it alone, after every change."""
 
@@ -124,6 +128,8 @@ class LidarSession:
     def _work(self) -> None:
         try:
             self._until_closed()
+        except _ClosedError:
+            LOG.debug("closed while looking for boards")
         except StereoCalibError as error:
             LOG.warning("%s", error)
             self._publish(problem=f"{error.what}: {error.where}. {error.remedy}", stage="failed")
@@ -146,8 +152,9 @@ class LidarSession:
                 self._fulfil(detection, wish)
 
     def _progress(self, stage: str, done: int, total: int) -> None:
-        if not self._closed:
-            self._publish(stage=stage, done=done, total=total)
+        if self._closed:
+            raise _ClosedError
+        self._publish(stage=stage, done=done, total=total)
 
     def _publish(self, **changes: object) -> None:
         self.snapshot = replace(self.snapshot, **changes)  # type: ignore[arg-type]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 import time
 from dataclasses import dataclass
@@ -11,8 +10,6 @@ from pathlib import Path
 from app.lidar_page import LidarPage
 from app.lidar_session import LidarSession
 from app.secure import LOCAL_NAMES, LocalServer, create_server, stop_server
-
-LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -51,8 +48,7 @@ def serve(folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
     sys.stdout.flush()
     try:
         while True:
-            time.sleep(3600.0)
-    except KeyboardInterrupt:
-        LOG.debug("interrupted")
+            # Short naps: a Ctrl-C just before a long one would only be seen at its end.
+            time.sleep(0.2)
     finally:
         view.close()

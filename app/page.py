@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -48,6 +49,7 @@ class Page:
         self._roots: list[Any] = []
         self._last: tuple[int, int, Settings, ClockState, int] | None = None
         self._revision = 0
+        self._acting = threading.RLock()
         self._closed = False
         self._book = PathBook(session.source.ground_truth)
         self.playback = Playback(
@@ -100,7 +102,7 @@ class Page:
         @handle.on_update
         def _(event: Any) -> None:
             if event.client_id is not None:
-                self.run_for_client(event, lambda _client: action(handle.value))
+                self.run_for_client(event, lambda _client: self._one_by_one(action, handle.value))
 
     def on_click(self, handle: Any, action: Callable[[Any], Any]) -> None:
         """Run `action(value)` when a person presses a button or one of a group."""
@@ -108,7 +110,17 @@ class Page:
         @handle.on_click
         def _(event: Any) -> None:
             if event.client_id is not None:
-                self.run_for_client(event, lambda _client: action(getattr(handle, "value", None)))
+                value = getattr(handle, "value", None)
+                self.run_for_client(event, lambda _client: self._one_by_one(action, value))
+
+    def _one_by_one(self, action: Callable[[Any], Any], value: Any) -> None:
+        """viser calls back from many threads: what reads and writes the settings must not interleave."""
+        with self._acting:
+            action(value)
+
+    def run_command(self, run: Callable[[Page], Any]) -> None:
+        """Run a command of the palette on this page."""
+        self._one_by_one(run, self)
 
     def run_for_client(self, event: Any, action: Callable[[Any], Any]) -> None:
         """What a person asked for: refused for followers while the lead is held, errors told kindly."""
@@ -132,7 +144,8 @@ class Page:
 
     def change(self, **changes: Any) -> None:
         """Change settings and show the result."""
-        self.settings = replace(self.settings, **changes)
+        with self._acting:
+            self.settings = replace(self.settings, **changes)
         self.playback.poke()
 
     def set_compared(self, run: SavedRun | None) -> None:

@@ -78,7 +78,8 @@ class HeaderPanel:
 
     def update(self, moment: Moment) -> None:
         """Show progress, the drive's state, and the guide of the preset."""
-        self._drive.content = drive_line(moment)
+        own = "" if self._page.owner is None else "\n\n*exploring on your own*"
+        self._drive.content = drive_line(moment) + own
         self._progress.value = 100.0 * moment.snapshot.progress
         self._progress.visible = not moment.snapshot.done
         for name, folder in self._guides.items():

@@ -110,6 +110,8 @@ def fresh(hub_06: Hub) -> Hub:
     from app.settings import Settings
 
     hub_06.leader = None
+    for number in list(hub_06._own):
+        hub_06.attach(hub_06.server.get_clients()[number])
     hub_06.shared.playback.play(False)
     hub_06.shared.playback.set_loop(False)
     hub_06.shared.playback.set_pause_on_failure(False)

@@ -86,8 +86,9 @@ def test_teach_walks_and_breaks_and_mends(page: Any, fresh: Hub) -> None:
     until(lambda: page.get_by_text("Step 1 of 9: Disparity").is_visible(), what="first step")
     assert page.locator("math mfrac").count() == 1
     assert fresh.shared.settings.layout == "disparity"
-    for _ in range(4):
+    for step in range(1, 5):
         press(page, "next ▶")
+        until(lambda step=step: fresh.shared.settings.teach_step == step, what="next step")
     until(lambda: page.get_by_text("Step 5 of 9: Pitch and height").is_visible(), what="fifth step")
     page.get_by_role("button", name="Break it: add 1° of pitch").click(force=True)
     until(lambda: fresh.shared.settings.corrections.pitch_error_deg == 1.0, what="broken")
@@ -220,13 +221,14 @@ def test_explore_on_my_own_and_come_back(page: Any, fresh: Hub) -> None:
     until(lambda: fresh.count()[1] == 1, what="detached")
     own = until(lambda: next(iter(fresh._own.values()), None), what="own page")
     until(lambda: own.shown_frame == 0, what="own page shown")
-    until(lambda: page.get_by_role("button", name="step ▶").count() == 1, what="only the own page is there")
+    until(lambda: page.get_by_text("exploring on your own").count() == 1, what="own page in the browser")
+    until(lambda: page.get_by_role("button", name="step ▶").count() == 1, what="the shared page is hidden")
     press(page, "step ▶")
     until(lambda: own.shown_frame == 1, what="own step")
     assert fresh.shared.shown_frame == 0
     fresh.shared.playback.seek(9)
     until(lambda: fresh.shared.shown_frame == 9, what="lead moves on")
-    assert shown_frame(page) == 1
+    assert until(lambda: shown_frame(page) == 1, what="own frame stays")
     own_box(page, "Explore on my own").dispatch_event("click")
     until(lambda: fresh.count()[1] == 0, what="attached")
     until(lambda: shown_frame(page) == 9, what="back on the shared time line")

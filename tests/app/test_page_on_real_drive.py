@@ -47,7 +47,7 @@ def test_step_scrub_and_exact_entry(fresh: Hub, open_page: Any) -> None:
 
 def test_hotkeys(fresh: Hub, open_page: Any) -> None:
     page = open_page(fresh)
-    page.locator("canvas").first.click(position={"x": 300, "y": 120})
+    page.mouse.click(650, 200)
     page.keyboard.press("n")
     until(lambda: shown_frame(page) == 1, what="N")
     page.keyboard.press("Shift+N")
