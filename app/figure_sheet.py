@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io as bytes_io
+import textwrap
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -71,7 +72,14 @@ def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card:
         path.legend(fontsize=7)
     text = figure.add_subplot(grid[2, 2])
     text.axis("off")
-    text.text(0, 1, card, va="top", ha="left", fontsize=8.5, family="monospace", transform=text.transAxes)
+    wrapped = "\n".join(
+        part for line in card.splitlines() for part in textwrap.wrap(line, 44, subsequent_indent="  ")
+    )
+    # The card must not take part in the layout: a long line would squeeze the plots to nothing.
+    label = text.text(
+        0, 1, wrapped, va="top", ha="left", fontsize=8.5, family="monospace", transform=text.transAxes
+    )
+    label.set_in_layout(False)
     buffer = bytes_io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
