@@ -77,13 +77,16 @@ def detect(folder: BoardFolder, progress: Progress | None = None) -> Detection:
 def _in_parallel(
     work: Callable[[Item], Result], items: list[Item], stage: str, progress: Progress | None
 ) -> list[Result]:
-    """Results in the order of the items, whichever finishes first."""
+    """Results in the order of the items, whichever finishes first; a `progress` that raises stops the rest."""
     results: list[Result] = []
-    with ThreadPoolExecutor(WORKERS) as pool:
+    pool = ThreadPoolExecutor(WORKERS)
+    try:
         for done, result in enumerate(pool.map(work, items), start=1):
             results.append(result)
             if progress is not None:
                 progress(stage, done, len(items))
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
     return results
 
 
