@@ -140,6 +140,9 @@ class DirectConfig:
     covariance_factor: float = 1.0
     min_patches: int = 40
     agree_height_m: float = 0.06
+    rough_range_m: float = 12.0
+    max_roughness_m: float = 0.0225
+    """Rms height over the plane up to `rough_range_m`; more (a speed hump at the bumper): NOT_PLANAR."""
     min_agreement: float = 0.75
     """A smaller share of the lane's patches within `agree_height_m`: NOT_PLANAR."""
 
@@ -187,7 +190,7 @@ class LaneConfig:
     """Less of the lane free: NO_ROAD."""
     min_agreement: float = 0.8
     """Less of the free lane on the plane: NOT_PLANAR."""
-    min_agreement_near: float = 0.83
+    min_agreement_near: float = 0.815
     min_agreeing_cells: int = 200
 
 

@@ -229,6 +229,12 @@ def estimate_road(left: Grey, right: Grey, camera: StereoCamera, config: Pipelin
                 FailureReason.NOT_PLANAR,
                 f"{direct.agreement:.0%} of the lane's patches on one plane, needs {config.direct.min_agreement:.0%}",
             )
+        rough_mm, most_mm = 1e3 * direct.roughness_m, 1e3 * config.direct.max_roughness_m
+        if not attempt.check("direct", "near road over the plane, rms", rough_mm, high=most_mm, unit="mm"):
+            return attempt.failed(
+                FailureReason.NOT_PLANAR,
+                f"the near road is {rough_mm:.0f} mm rms off its plane, at most {most_mm:.1f}",
+            )
         extrinsics, covariance = direct.extrinsics, direct.covariance
         inliers = int(np.count_nonzero(direct.patches.weight))
 

@@ -46,6 +46,7 @@ class DirectFit:
 
     unevenness_m: height scatter of the road that the noise does not explain, 1 sigma.
     agreement: share of the lane's patches within `agree_height_m` of the plane, 0...1.
+    roughness_m: rms height of the lane's nearer part over the plane, over its surface, rejected patches included.
     """
 
     extrinsics: Extrinsics
@@ -53,6 +54,7 @@ class DirectFit:
     patches: PatchFit
     unevenness_m: float
     agreement: float
+    roughness_m: float
 
 
 def _tukey(residual: Float, limit: float) -> Float:
@@ -161,18 +163,25 @@ def fit_direct(
     patches = PatchFit(
         us.astype(np.float64), vs.astype(np.float64), z, offsets - J_all @ x[:3], sigmas, weight
     )
-    agreement = _agreement(offsets - J_all @ x[:3], sigmas, height_per_px, area, config)
+    over_plane = (offsets - J_all @ x[:3]) * height_per_px
+    agreement = float(np.mean(np.abs(over_plane[np.isfinite(sigmas)]) < config.agree_height_m))
+    roughness = _roughness(over_plane, z, np.isfinite(sigmas), config)
     return DirectFit(
-        extrinsics, to_extrinsics @ covariance @ to_extrinsics.T + surface, patches, unevenness, agreement
+        extrinsics,
+        to_extrinsics @ covariance @ to_extrinsics.T + surface,
+        patches,
+        unevenness,
+        agreement,
+        roughness,
     )
 
 
-def _agreement(
-    residual: Float, sigmas: Float, height_per_px: Float, area: Float, config: DirectConfig
-) -> float:
-    """Share of the seen lane (by image area) that lies within `agree_height_m` of the plane."""
-    seen = np.isfinite(sigmas)
-    return float(np.mean(np.abs(residual[seen]) * height_per_px[seen] < config.agree_height_m))
+def _roughness(over_plane: Float, z: Float, seen: NDArray[np.bool_], config: DirectConfig) -> float:
+    """Rms height [m] over the plane up to `rough_range_m`; a patch stands for z^3 of surface."""
+    near = seen & (z < config.rough_range_m)
+    if not near.any():
+        return 0.0
+    return float(np.sqrt(np.average(np.minimum(over_plane[near] ** 2, 0.04), weights=z[near] ** 3)))
 
 
 def _surface_variance(x: Float, unevenness_m: float, config: DirectConfig) -> Float:
