@@ -13,9 +13,12 @@ import cv2
 import numpy as np
 import pytest
 from conftest import until
+from raw_client import RawClient
+from websockets.exceptions import InvalidStatus
 
 from app import lidar_view
 from app.lidar_panels import command
+from app.lidar_session import LidarSession
 from app.lidar_view import LidarView
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import transform
@@ -207,6 +210,24 @@ def test_boards_lead_to_their_pair(view: LidarView) -> None:
 
     view.page._board_clicked(Click(), 3)
     until(lambda: view.session.snapshot.wish.pair == 3, what="chosen")
+
+
+def test_pages_from_elsewhere_are_refused(view: LidarView) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        RawClient(view.server.get_port(), "http://evil.example")
+    assert refused.value.response.status_code == 403
+    assert view.server.get_host() == "127.0.0.1"
+
+
+def test_closing_stops_the_search_for_boards(view: LidarView) -> None:
+    other = LidarSession(view.session.path)
+    other.start()
+    until(lambda: other.snapshot.done, what="first pair read")
+    other.close()
+    other._thread.join(10.0)
+    assert not other._thread.is_alive()
+    assert other.snapshot.detection is None
+    assert other.snapshot.problem == ""
 
 
 def test_a_folder_that_is_none_is_refused_before_a_server_starts(tmp_path: Path) -> None:
