@@ -293,7 +293,7 @@ class RoadCheckConfig:
     limit_height_m: float = 0.04
     """A calibration whose residual lies beyond the limits by `certain_sigmas` raises the alarm."""
     limit_pitch_deg: float = 0.25
-    limit_roll_deg: float = 0.5
+    limit_roll_deg: float = 0.4
     certain_sigmas: float = 3.0
     least_height_m: float = 0.025
     """Smaller steps are not reported."""

@@ -21,7 +21,7 @@ FLAGS = (
 )
 
 
-def until(condition: Callable[[], Any], timeout_s: float = 15.0, what: str = "condition") -> Any:
+def until(condition: Callable[[], Any], timeout_s: float = 60.0, what: str = "condition") -> Any:
     """Wait for a truthy value and return it."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
@@ -34,7 +34,7 @@ def until(condition: Callable[[], Any], timeout_s: float = 15.0, what: str = "co
 
 def shown_frame(page: Any) -> int:
     """The frame number that the page's headline names, -1 before there is one."""
-    text = page.locator("p", has_text=re.compile(r"Frame \d+ of \d+")).first.text_content(timeout=10_000)
+    text = page.locator("p", has_text=re.compile(r"Frame \d+ of \d+")).first.text_content(timeout=60_000)
     found = re.search(r"Frame (\d+) of", text or "")
     return int(found.group(1)) if found else -1
 
@@ -71,7 +71,7 @@ def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
             viewport={"width": 1200, "height": 660},
             accept_downloads=True,
         )
-        context.set_default_timeout(15_000)
+        context.set_default_timeout(60_000)
         yield context
         context.close()
 
@@ -94,7 +94,7 @@ def open_page(browser: Any) -> Iterator[Callable[[Hub], Any]]:
         page.on("request", note)
         before = set(hub.server.get_clients())
         page.goto(f"http://{own}/")
-        page.wait_for_selector(".uplot", timeout=20_000)
+        page.wait_for_selector(".uplot", timeout=60_000)
         until(lambda: set(hub.server.get_clients()) - before, what="browser connected")
         page.client_id = max(set(hub.server.get_clients()) - before)
         return page
