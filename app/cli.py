@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from app.arguments import build_parser
 from stereocalib_core.errors import StereoCalibError
@@ -23,6 +25,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error))
     except KeyboardInterrupt as stopped:
         print(f"stereocalib: stopped: {stopped}" if str(stopped) else "stereocalib: stopped", file=sys.stderr)
+        if argv is None:
+            _leave_at_once(EXIT_INTERRUPTED)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has gone; nothing can be said there any more.
@@ -39,6 +43,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"stereocalib: not to be trusted: {warning}", file=sys.stderr)
         return EXIT_UNTRUSTED
     return EXIT_OK
+
+
+def _leave_at_once(code: int) -> NoReturn:
+    """End the process without the interpreter's teardown, which aborts where a thread is still inside native code."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _fail(line: str) -> int:
