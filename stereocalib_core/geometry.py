@@ -85,7 +85,9 @@ class StereoCamera:
     def __post_init__(self) -> None:
         numbers = (self.width, self.height, self.focal_px, self.cx_px, self.cy_px, self.baseline_m)
         if not all(np.isfinite(n) for n in numbers):
-            raise ConfigError("camera has a value that is not a number", numbers, "check its calibration file")
+            raise ConfigError(
+                "camera has a value that is not a number", numbers, "check its calibration file"
+            )
         if self.width < 32 or self.height < 32 or self.focal_px <= 0 or self.baseline_m <= 0:
             raise ConfigError(
                 "camera makes no stereo pair",
@@ -228,7 +230,9 @@ class Extrinsics:
     def from_plane(cls, plane: Plane, yaw_rad: float = 0.0) -> Extrinsics:
         """From a plane in the camera frame: n = (-sin rho, cos theta cos rho, sin theta cos rho)."""
         n = plane.normal
-        return cls(plane.offset_m, float(np.arctan2(n[2], n[1])), float(-np.arcsin(np.clip(n[0], -1, 1))), yaw_rad)
+        return cls(
+            plane.offset_m, float(np.arctan2(n[2], n[1])), float(-np.arcsin(np.clip(n[0], -1, 1))), yaw_rad
+        )
 
     def disparity_plane(self, camera: StereoCamera) -> DisparityPlane:
         """Eq. 16."""
@@ -278,7 +282,9 @@ def slope_from_roll(roll_rad: float, pitch_rad: float) -> float:
     return float(np.tan(roll_rad) / np.cos(pitch_rad))
 
 
-def image_row_of_road(camera: StereoCamera, extrinsics: Extrinsics, u: ArrayLike, disparity: ArrayLike) -> Array:
+def image_row_of_road(
+    camera: StereoCamera, extrinsics: Extrinsics, u: ArrayLike, disparity: ArrayLike
+) -> Array:
     """Eq. 8: the row v [px] at which the road shows geometric disparity [px] in column u [px]."""
     e = extrinsics
     slope, intercept = road_profile(camera, e)
@@ -287,7 +293,9 @@ def image_row_of_road(camera: StereoCamera, extrinsics: Extrinsics, u: ArrayLike
     return intercept + tilt * (u - camera.cx_px) + slope * np.asarray(disparity, dtype=np.float64)
 
 
-def disparity_of_road_frame_point(camera: StereoCamera, extrinsics: Extrinsics, points_road: ArrayLike) -> Array:
+def disparity_of_road_frame_point(
+    camera: StereoCamera, extrinsics: Extrinsics, points_road: ArrayLike
+) -> Array:
     """Eq. 5: (..., 3) points in the road frame [m] to geometric disparity [px]."""
     p = np.asarray(points_road, dtype=np.float64)
     e = extrinsics
@@ -373,7 +381,9 @@ def road_homography(
     `T_road0_road1` is the motion of the road frame under the camera; it must keep Y = 0 on Y = 0.
     """
     T_camera1_camera0 = (
-        extrinsics_1.T_camera_road @ invert_transform(T_road0_road1) @ invert_transform(extrinsics_0.T_camera_road)
+        extrinsics_1.T_camera_road
+        @ invert_transform(T_road0_road1)
+        @ invert_transform(extrinsics_0.T_camera_road)
     )
     plane = extrinsics_0.plane()
     H = T_camera1_camera0[:3, :3] + np.outer(T_camera1_camera0[:3, 3], plane.normal) / plane.offset_m
