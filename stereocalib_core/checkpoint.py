@@ -1,4 +1,4 @@
-"""An append-only file of finished frames, from which a killed run goes on.
+"""An append-only file of finished frames, from which a killed run goes on; a finished run leaves it as `frames.bin`.
 
 Layout: `MAGIC`, then records of `length, crc32, payload` (little endian). The first payload is a JSON header
 that names source, settings and first frame; every other one is a frame: the length of a JSON part, the JSON,
@@ -85,6 +85,21 @@ def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], 
 
     Raises OutputError for a file of other source or settings, or one that is no checkpoint.
     """
+    stored, payloads, whole = _records(path)
+    if stored != _canonical(header):
+        raise OutputError("run of another source or other settings", path.parent, _difference(stored, header))
+    return _frames(path, payloads), whole
+
+
+def read_frames(path: Path) -> tuple[dict[str, Any], list[Done]]:
+    """Header and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
+    stored, payloads, _ = _records(path)
+    header = json.loads(stored)
+    return header, _frames(path, payloads)
+
+
+def _records(path: Path) -> tuple[bytes, list[bytes], int]:
+    """Header, frames, and how many bytes of the file are whole."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -97,19 +112,18 @@ def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], 
         payload = data[at + _HEAD.size : at + _HEAD.size + length]
         if length > MAX_RECORD or len(payload) < length or zlib.crc32(payload) != checksum:
             break
-        payloads.append((payload, at + _HEAD.size + length))
-        at = payloads[-1][1]
+        payloads.append(payload)
+        at += _HEAD.size + length
     if not payloads:
         raise OutputError("checkpoint without a header", path, "start afresh with --overwrite")
-    if payloads[0][0] != _canonical(header):
-        raise OutputError(
-            "run of another source or other settings", path.parent, _difference(payloads[0][0], header)
-        )
+    return payloads[0], payloads[1:], at
+
+
+def _frames(path: Path, payloads: list[bytes]) -> list[Done]:
     try:
-        done = [_unpack(payload) for payload, _ in payloads[1:]]
+        return [_unpack(payload) for payload in payloads]
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
-    return done, payloads[-1][1]
 
 
 def _difference(stored: bytes, header: Mapping[str, Any]) -> str:

@@ -22,9 +22,11 @@ from stereocalib_core.output_folder import OutputFolder
 from stereocalib_core.report import build_report
 from stereocalib_core.results import DriveAnalysis, FrameResult, Rig
 from stereocalib_core.sources import open_source, prefetch
-from stereocalib_core.tolerance import Tolerance, within_tolerance
+from stereocalib_core.tolerance import Tolerance, judged
 
 CHECKPOINT = "checkpoint.bin"
+FRAMES = "frames.bin"
+"""What a finished run keeps of every frame, tracks included, so that a page can go on from there."""
 FILES = (
     "config.json",
     "rig.yaml",
@@ -34,6 +36,7 @@ FILES = (
     "report.json",
     "recording.rrd",
     CHECKPOINT,
+    FRAMES,
     ".*.tmp",
 )
 Progress = Callable[[int, int, str], None]
@@ -188,7 +191,7 @@ def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | N
         for observer in observers:
             observer.close(whole)
     report = _write(job, done, analysis, elapsed_s)
-    (job.out / CHECKPOINT).unlink(missing_ok=True)
+    (job.out / CHECKPOINT).replace(job.out / FRAMES)
     return report
 
 
@@ -262,7 +265,7 @@ def _write(job: Job, done: list[Done], analysis: DriveAnalysis | None, elapsed_s
         job.spec, job.config.method, results, analysis, elapsed_s, [d.total_ms for d in done]
     )
     report["notices"] = list(job.source.notices)
-    report["mount"]["within_tolerance"] = within_tolerance(report["mount"], job.tolerances)
+    report["mount"] = judged(report["mount"], job.tolerances)
     io.write_json(out / "config.json", settings.to_dict(job.config))
     io.write_extrinsics_csv(out / "extrinsics.csv", results, None if analysis is None else analysis.filtered)
     if analysis is not None:

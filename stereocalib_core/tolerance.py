@@ -59,3 +59,24 @@ def within_tolerance(mount: Mapping[str, Any], limits: Mapping[str, Tolerance]) 
     if any(value is None or value.get("value") is None for value in measured.values()):
         return None
     return all(limit.holds(measured[axis]["value"]) for axis, limit in limits.items())  # type: ignore[index]
+
+
+def judged(mount: Mapping[str, Any], limits: Mapping[str, Tolerance]) -> dict[str, Any]:
+    """report.json's `mount` with `within_tolerance` and, per limited axis, the limits and whether it holds."""
+
+    def within(axis: str, limit: Tolerance) -> bool | None:
+        value = (mount.get(axis) or {}).get("value")
+        return None if value is None else limit.holds(value)
+
+    return {
+        **mount,
+        "within_tolerance": within_tolerance(mount, limits),
+        "tolerance": {
+            axis: {
+                "nominal": limit.nominal,
+                "tolerance": limit.tolerance,
+                "within": within(axis, limit),
+            }
+            for axis, limit in limits.items()
+        },
+    }

@@ -246,3 +246,23 @@ def test_folders_of_boards_that_do_not_exist(tmp_path: Path, capsys: pytest.Capt
     failed_line(capsys, "lidar-camera", str(tmp_path / "none"), "--out", str(tmp_path / "out"))
     failed_line(capsys, "view-lidar", str(tmp_path / "none"))
     assert not (tmp_path / "out").exists()
+
+
+def test_judged_mount_names_each_axis_and_its_limits() -> None:
+    from stereocalib_core.tolerance import Tolerance, judged
+
+    mount = {
+        "height_m": {"value": 1.66, "sigma": 0.01},
+        "pitch_deg": {"value": 0.5, "sigma": 0.1},
+        "yaw_deg": None,
+    }
+    limits = {
+        "height_m": Tolerance(1.65, 0.02),
+        "pitch_deg": Tolerance(0.8, 0.2),
+        "yaw_deg": Tolerance(0.0, 1.0),
+    }
+    found = judged(mount, limits)
+    assert [found["tolerance"][axis]["within"] for axis in limits] == [True, False, None]
+    assert found["within_tolerance"] is None
+    assert judged(mount, {"pitch_deg": limits["pitch_deg"]})["within_tolerance"] is False
+    assert judged(mount, {})["tolerance"] == {}

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from drive_writer import odometry_drive
 
-from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint
+from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint, read_frames
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.geometry import Extrinsics
@@ -292,3 +292,13 @@ def test_gaps_are_named_by_the_frames_of_the_drive(tmp_path: Path) -> None:
     report = run_drive(str(drive), tmp_path / "out", (3, 7))
     assert report["frames_ok"] == 0
     assert [report["gaps"][0][0] >= 3, report["gaps"][-1][1]] == [True, 6]
+
+
+def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    run_drive("synthetic:plane?frames=6", out)
+    header, done = read_frames(out / "frames.bin")
+    assert [d.result.frame for d in done] == list(range(6))
+    assert header["camera"]["focal_px"] > 0
+    assert done[-1].result.tracks is not None
+    assert done[-1].result.checks
