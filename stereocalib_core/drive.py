@@ -90,7 +90,7 @@ def analyse(
     lidar = check(results, config.road_check)
     best = paths["autocalibrated"]
     times = np.array([r.timestamp_s for r in results], dtype=np.float64)
-    motion = MotionSeries.from_path(times, best.planar, best.measured, tracks.previous)
+    motion = MotionSeries.from_path(times, best, tracks)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
     mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
     report = {

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from stereocalib_core.odometry.packing import PackedTracks
+from stereocalib_core.odometry.trajectory import Trajectory
+
 Array = NDArray[np.float64]
 
 _NATURAL_HZ, _DAMPING = 1.4, 0.35
@@ -22,24 +25,27 @@ class MotionSeries:
     """What the car does, one entry a frame, NaN = unknown.
 
     timestamps_s, speed [m/s, forwards], yaw_rate [rad/s, > 0 turns right], all (N,).
+    poses: (N, 4, 4) T_world_camera, or None. tracked: (N,) whether a frame's pose was measured from the one
+    before; None = all were.
     """
 
     timestamps_s: Array
     speed: Array
     yaw_rate: Array
+    poses: Array | None = None
+    tracked: NDArray[np.bool_] | None = None
 
     @classmethod
-    def from_path(
-        cls, timestamps_s: Array, planar: Array, measured: NDArray[np.bool_], previous: NDArray[np.int64]
-    ) -> MotionSeries:
-        """From the odometry: (N, 3) x, z [m], heading [rad] of each pair, whether it was measured, and the
-        (N,) other frame of the pair, -1 = none.
-        """
-        measured = measured & (previous >= 0)
-        dt = np.maximum(timestamps_s - timestamps_s[np.maximum(previous, 0)], 1e-3)
-        speed = np.where(measured, planar[:, 1] / dt, np.nan)
-        yaw_rate = np.where(measured, planar[:, 2] / dt, np.nan)
-        return cls(timestamps_s, speed, yaw_rate)
+    def from_path(cls, timestamps_s: Array, path: Trajectory, tracks: PackedTracks) -> MotionSeries:
+        """From the odometry of a drive; timestamps_s: (N,)."""
+        has_pair = tracks.previous >= 0
+        measured = path.measured & has_pair
+        dt = np.maximum(timestamps_s - timestamps_s[np.maximum(tracks.previous, 0)], 1e-3)
+        speed = np.where(measured, path.planar[:, 1] / dt, np.nan)
+        yaw_rate = np.where(measured, path.planar[:, 2] / dt, np.nan)
+        tracked = has_pair & (tracks.still | (tracks.best_motion[0][:, 6] > 0.0))
+        tracked[1:] &= tracks.previous[1:] == np.arange(len(tracks) - 1)
+        return cls(timestamps_s, speed, yaw_rate, path.poses, tracked)
 
     @property
     def longitudinal(self) -> Array:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import ShiftAlarmConfig
 from stereocalib_core.results import FrameResult
 from stereocalib_core.rig.explained import MotionSeries, remove_explained
+from stereocalib_core.rig.over_wheels import over_wheels
 from stereocalib_core.rig.steps import find_step
 
 Array = NDArray[np.float64]
@@ -31,7 +32,6 @@ NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unc
 _HORIZONS = ((15, 30, 60), (20, 40, 60))
 """Frames after a shift by which it may be certain; the second for the yaw, in straight pairs."""
 _MOST_SHIFTS = 6
-_STANDING_M_S = 1.0
 _BLOCK, _DRIFT_BLOCKS = 20, 10
 """Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
 
@@ -76,24 +76,24 @@ def find_shifts(
             e = r.road.extrinsics
             values[i] = e.height_m, e.pitch_rad, e.roll_rad
     steady = np.zeros(len(results), dtype=bool)
+    wheels = values
     if motion is not None and len(results):
+        wheels = remove_explained(over_wheels(values, motion), motion)
         values = remove_explained(values, motion)
-        # A standing car sees one scene, errors and all, again and again: nothing new to judge by.
-        values[np.abs(motion.speed) < _STANDING_M_S] = np.nan
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
     noise = float(np.deg2rad(config.noise_angle_deg))
-    series: list[tuple[Axis, Array, float, float]] = [
-        ("height", values[:, 0], height, config.noise_height_m),
-        ("pitch", values[:, 1], angle, noise),
-        ("roll", values[:, 2], angle, noise),
+    series: list[tuple[Axis, Array, Array | None, float, float]] = [
+        ("height", wheels[:, 0], values[:, 0], height, config.noise_height_m),
+        ("pitch", wheels[:, 1], values[:, 1], angle, noise),
+        ("roll", wheels[:, 2], values[:, 2], angle, noise),
     ]
     if pair_yaw_rad is not None:
-        series.append(("yaw", pair_yaw_rad, angle, float(np.deg2rad(config.noise_yaw_deg))))
+        series.append(("yaw", pair_yaw_rad, None, angle, float(np.deg2rad(config.noise_yaw_deg))))
     shifts: list[Shift] = []
-    for axis, numbers, least, least_noise in series:
-        shifts += _axis_shifts(axis, frames, numbers, steady, least, least_noise, config)
+    for axis, numbers, witness, least, least_noise in series:
+        shifts += _axis_shifts(axis, frames, numbers, witness, steady, least, least_noise, config)
     return tuple(sorted(shifts, key=lambda s: (s.frame, s.axis)))
 
 
@@ -101,6 +101,7 @@ def _axis_shifts(
     axis: Axis,
     frames: NDArray[np.int64],
     series: Array,
+    witness: Array | None,
     steady: NDArray[np.bool_],
     least: float,
     noise: float,
@@ -110,14 +111,17 @@ def _axis_shifts(
     index = np.flatnonzero(np.isfinite(series)) if axis == "yaw" else np.arange(len(series))
     rest, frames = series[index].copy(), frames[index]
     calm = np.ones(len(index), dtype=bool) if axis == "yaw" else steady[index]
+    also = None if witness is None else witness[index].copy()
     shifts: list[Shift] = []
     for _ in range(_MOST_SHIFTS):
-        step = find_step(rest, calm, _HORIZONS[axis == "yaw"], least, noise, config.threshold)
+        step = find_step(rest, calm, _HORIZONS[axis == "yaw"], least, noise, config.threshold, also)
         if step is None:
             break
         onset, certain = int(frames[step.onset]), int(frames[step.certain])
         shifts.append(Shift(onset, axis, step.size, step.sigma, "step", certain))
         rest[step.onset :] -= step.size
+        if also is not None:
+            also[step.onset :] -= step.size
     drift = _drift(axis, frames, rest, least, noise, config)
     return shifts if drift is None else [*shifts, drift]
 

@@ -2,12 +2,12 @@
 
 An autoregression of the series takes out its slow swing, so that what is left jumps where a step begins. Each
 index is tried as the onset: least squares for level and step over the values around it give the size and its
-standard deviation.
+standard deviation. What stands out must be a step and nothing else: it comes at once, it stays, and the values
+around it are calm beside it (over a speed hump they are not).
 """
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +17,16 @@ from scipy.ndimage import median_filter
 Array = NDArray[np.float64]
 
 _LAGS = 4
-_REACH, _PART = 60, 8
-"""Values on either side over which a step must last, and the parts in which that is looked at."""
 _BEFORE = 60
 """Values before a step that its level is compared with."""
+_NEAR, _CALM, _USUAL = 10, 0.6, 4.5
+"""So near to a step no other value may be off by more than this share of it, nor by so many usual deviations."""
+_AT_ONCE, _LATER = (3, 8), (24, 60)
+"""Values on either side whose medians must differ by a step: at once, and later."""
+_SKIPPED, _CANDIDATES = 10, 40
+"""No step is looked for in the first values of a series; so many are looked at closely, surest first."""
+_STAYS = 0.35
+"""By at least so much of its size."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +42,18 @@ class Step:
 
 @dataclass(frozen=True)
 class _White:
-    """Innovations (N,) of an autoregression, their weights (N,) = 1 / variance, 0 where unknown, and its lags."""
+    """Innovations (N,) of an autoregression, the level (N,) that they vary about, their weights (N,) = 1 /
+    variance, 0 where unknown, and its lags."""
 
     innovations: Array
+    level: Array
     weights: Array
     coefficients: Array
+
+    def signature(self, count: int) -> Array:
+        """(count,) what a step of size one adds to the innovations from its onset on."""
+        past = np.concatenate([[0.0], np.cumsum(self.coefficients)])
+        return np.asarray(1.0 - past[np.minimum(np.arange(count), _LAGS)])
 
 
 def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
@@ -75,16 +88,14 @@ def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
             deviation = 1.4826 * float(np.median(np.abs((innovations - level)[chosen])))
             usual = max(deviation, noise)
             weights[chosen] = 1.0 / np.where(restless > 1.7 * usual, restless, usual)[chosen] ** 2
-    return _White(innovations, weights, coefficients)
+    return _White(innovations, level, weights, coefficients)
 
 
 def _likelihood(white: _White, horizon: int) -> tuple[Array, Array]:
     """(N,) size of a step at each index as `horizon` values after it show it, and its standard deviation."""
     n = len(white.innovations)
     constant = 1.0 - float(white.coefficients.sum())
-    signature = np.ones(horizon)
-    for k in range(1, horizon):
-        signature[k] = 1.0 - float(white.coefficients[: min(k, _LAGS)].sum())
+    signature = white.signature(horizon)
     w, we = white.weights, white.weights * white.innovations
 
     def ahead(x: Array, kernel: Array) -> Array:
@@ -109,87 +120,70 @@ def find_step(
     least: float,
     noise: float,
     threshold: float,
+    witness: Array | None = None,
 ) -> Step | None:
     """The surest lasting step of (N,) values, NaN = unknown; None where there is none.
 
-    calm: (N,) values of better quality. horizons: values after a step by which it may be certain. least:
-    smallest size. noise: least standard deviation of an innovation. threshold: least size in standard
-    deviations.
+    calm: (N,) values of better quality. horizons: values after a step by which it may be certain, ascending; no
+    step is told before the first. least: smallest size. noise: least standard deviation of an innovation.
+    threshold: least size in standard deviations. witness: (N,) the same measured otherwise, which must show
+    the step as well.
     """
     known = np.isfinite(series)
-    if known.sum() < 2 * horizons[0]:
+    at, reach = np.arange(len(series)), horizons[0]
+    if known.sum() < 2 * reach:
         return None
     # A short drive has not shown how far its values may stray.
     threshold *= 1.0 + 5.0 / float(known.sum())
     white = _whiten(series, calm, noise)
-    # Values all around, or nothing is said: what fails beside a jump is no mount.
-    seen = np.concatenate([[0], np.cumsum(known)])
-    at, reach = np.arange(len(series)), horizons[0]
-    ahead, behind = np.minimum(at + reach, len(series)), np.maximum(at - reach, 0)
-    dense = seen[ahead] - seen[at] >= 0.85 * (ahead - at)
-    dense &= seen[at] - seen[behind] >= 0.85 * (at - behind)
-    best: Step | None = None
-    for horizon in horizons:
-        size, sigma = _likelihood(white, horizon)
-        score = np.abs(size) / sigma
-        usable = np.arange(len(series))
-        usable = (usable >= 10) & (usable <= len(series) - min(horizon, horizons[0])) & dense
-        if horizon == horizons[0]:
-            usable &= _mostly(calm, reach)
-        if not usable.any():
-            continue
-        # Where the series is no autoregression the scores scatter more than they should.
-        score /= max(1.4826 * float(np.median(score[usable])), 1.0)
-        candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least) & known)
-        for k in candidates[np.argsort(-score[candidates])][:40]:
-            if lasts(series, calm, int(k), float(size[k])):
-                if best is None or score[k] > 1.1 * best.score:
-                    certain = min(int(k) + horizon, len(series)) - 1
-                    best = Step(int(k), certain, float(size[k]), float(sigma[k]), float(score[k]))
-                break
-    if best is None:
+    usable = known & (at >= _SKIPPED) & (at <= len(series) - reach) & _seen_around(known, reach)
+    if not usable.any():
         return None
-    # Once it is known to be there, everything that follows tells its size.
-    size, sigma = _likelihood(white, horizons[-1])
-    return dataclasses.replace(best, size=float(size[best.onset]), sigma=float(sigma[best.onset]))
+    found = [_likelihood(white, horizon) for horizon in horizons]
+    scores = [np.abs(size) / sigma for size, sigma in found]
+    # Where the series is no autoregression the scores scatter more than they should.
+    scatter = max(1.4826 * float(np.median(scores[0][usable])), 1.0)
+    size, sigma = found[-1]
+    score = scores[-1] / scatter
+    candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least))
+    by_witness = size if witness is None else _likelihood(_whiten(witness, calm, noise), horizons[-1])[0]
+    for k in candidates[np.argsort(-score[candidates])][:_CANDIDATES].tolist():
+        seen = by_witness[k] * np.sign(size[k]) > _STAYS * abs(size[k])
+        if seen and _alone(white, k, float(size[k])) and _stays(series, k, float(size[k])):
+            ready = [h for h, s in zip(horizons, scores, strict=True) if s[k] > threshold * scatter]
+            certain = min(k + (ready[0] if ready else horizons[-1]), len(series)) - 1
+            return Step(k, certain, float(size[k]), float(sigma[k]), float(score[k]))
+    return None
 
 
-def _mostly(calm: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Whether four of five values around each index are calm: only there a step may be certain so soon."""
-    total = np.concatenate([[0], np.cumsum(calm)])
-    at = np.arange(len(calm))
-    first, last = np.maximum(at - reach // 2, 0), np.minimum(at + reach, len(calm))
-    return np.asarray(total[last] - total[first] >= 0.8 * (last - first))
+def _seen_around(known: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Values all around, or nothing is said: what fails beside a jump is no mount."""
+    seen = np.concatenate([[0], np.cumsum(known)])
+    at = np.arange(len(known))
+    ahead, behind = np.minimum(at + reach, len(known)), np.maximum(at - reach, 0)
+    enough = seen[ahead] - seen[at] >= 0.85 * (ahead - at)
+    return np.asarray(enough & (seen[at] - seen[behind] >= 0.85 * (at - behind)))
 
 
-def lasts(series: Array, calm: NDArray[np.bool_], onset: int, size: float) -> bool:
-    """Whether a step is there at once, stays, and shows in calm values as well where there are enough.
+def _alone(white: _White, onset: int, size: float) -> bool:
+    """Whether the innovations near a step are small beside it once its own part is taken out."""
+    rest = white.innovations - white.level
+    rest[onset:] -= size * white.signature(len(rest) - onset)
+    near = slice(max(onset - _NEAR, 0), onset + _NEAR + 1)
+    usual = 1.0 / np.sqrt(np.median(white.weights[white.weights > 0]))
+    limit = max(_CALM * abs(size), _USUAL * usual)
+    return bool(np.abs(rest[near])[white.weights[near] > 0].max(initial=0.0) < limit)
 
-    A mount that was knocked stands still again in the next frame: what follows differs from what went before by
-    the size, soon and later, and scatters by less. A bump in the road or a bend fails one of these.
-    """
-    known = np.isfinite(series)
+
+def _stays(series: Array, onset: int, size: float) -> bool:
+    """Whether the values rise by the step at once and stay there."""
     at = np.arange(len(series))
-    before, after = series[known & (at < onset)][-_REACH:], series[known & (at >= onset)][:_REACH]
-    if len(before) < _PART or len(after) < _PART:
+    known = np.isfinite(series)
+    before, after = series[known & (at < onset)], series[known & (at >= onset)]
+    if min(len(before), len(after)) < 8:
         return False
-    side, size = np.sign(size), abs(size)
-    soon = side * (np.median(after[:_PART]) - np.median(before[-_PART:]))
-    later = side * (np.median(after[: 3 * _PART]) - np.median(before[-3 * _PART :]))
-    if not (0.4 * size < soon < 1.8 * size and later > 0.5 * size):
-        return False
-    for block in (before[-2 * _PART :], after[: 2 * _PART]):
-        if np.median(np.abs(block - np.median(block))) > 0.45 * size:
-            return False
-    near = 0.5 * (np.median(before[-3 * _PART :]) + np.median(after[: 3 * _PART]))
-    for block, sign in ((before[::-1], -side), (after, side)):
-        parts = block[: len(block) // _PART * _PART].reshape(-1, _PART)
-        crossed = sign * (np.median(parts, axis=1) - near) < -0.25 * size
-        # The body's own swing may carry one part in five across, not more.
-        if crossed.sum() > len(parts) // 5:
-            return False
-    calm_before = series[known & calm & (at < onset)][-_REACH:]
-    calm_after = series[known & calm & (at >= onset)][:_REACH]
-    if len(calm_before) >= _PART and len(calm_after) >= _PART:
-        return bool(side * (np.median(calm_after) - np.median(calm_before)) > 0.5 * size)
-    return True
+
+    def rise(count: int) -> float:
+        return float(np.sign(size) * (np.median(after[:count]) - np.median(before[-count:])) / abs(size))
+
+    return max(map(rise, _AT_ONCE)) > _STAYS and max(map(rise, _LATER)) > _STAYS
