@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stereocalib_core.geometry import rotation_x, rotation_y, rotation_z, transform
 from stereocalib_core.synthetic import raster
 from stereocalib_core.synthetic.faults import offsets
-from stereocalib_core.synthetic.renderer import list_draws
+from stereocalib_core.synthetic.renderer import Canvas, list_draws
 from stereocalib_core.synthetic.world import World, moving
 
 Array = NDArray[np.float64]
@@ -76,12 +76,7 @@ class SpinningLidar:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        shape = (_HEIGHT * raster.SAMPLES, _WIDTH * raster.SAMPLES)
-        self._inverse_depth = np.zeros(shape, np.float32)
-        self._ids = np.full(shape, -1, np.int32)
-        self._planes = np.empty((60_000, raster.PLANES))
-        self._source = np.empty(60_000, np.int64)
-        self._boxes = np.empty((60_000, 4), np.int64)
+        self._canvas = Canvas(_WIDTH, _HEIGHT)
         elevation = np.deg2rad(np.linspace(HIGHEST_DEG, LOWEST_DEG, BEAMS))[:, None]
         azimuth = np.linspace(0.0, -2 * np.pi, AZIMUTHS, endpoint=False)[None, :]
         self._directions = np.stack(
@@ -107,7 +102,7 @@ class SpinningLidar:
 
     def scan(self, frame: int) -> NDArray[np.float32]:
         """(N, 4) float32 x, y, z [m] in the LiDAR's frame, and intensity, beam after beam."""
-        drive, mesh, atlas = self.world.drive, self.world.mesh, self.world.atlas
+        drive, tones, canvas = self.world.drive, self.world.mesh.tones, self._canvas
         things, _ = moving(self.world, frame)
         T_world_lidar = drive.T_world_camera[frame] @ self.T_camera_lidar(frame)
         ranges = np.zeros(len(self._directions))
@@ -118,19 +113,9 @@ class SpinningLidar:
             R_lidar_view = rotation_z(turn * np.pi / 2) @ forward
             T_view = T_world_lidar @ transform(R_lidar_view, np.zeros(3))
             draws = list_draws(self.world, T_view, float(drive.s_m[frame]), things, 1.0)
-            count = raster.set_up(
-                *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
-                *(draws.ranges, draws.poses, draws.suns, draws.gains, K, (_WIDTH, _HEIGHT)),
-                *(self._planes, self._source, self._boxes),
-            )
-            self._inverse_depth.fill(0.0)
-            self._ids.fill(-1)
-            raster.fill(
-                *(count, self._planes, self._source, self._boxes, mesh.flags, mesh.textures),
-                *(atlas.texels, atlas.table, atlas.levels, self._inverse_depth, self._ids),
-            )
+            canvas.draw(self.world, draws, K)
             _cast(
-                *(self._ids, self._planes, self._source, mesh.tones, K, np.ascontiguousarray(R_lidar_view)),
+                *(canvas.ids, canvas.planes, canvas.source, tones, K, np.ascontiguousarray(R_lidar_view)),
                 *(self._directions, ranges, intensities, *RANGE_M),
             )
         hit = ranges > 0

@@ -12,12 +12,15 @@ import math
 import numpy as np
 from numba import njit
 
-from stereocalib_core.synthetic.textures import bilinear
+from stereocalib_core.synthetic.textures import INLINED, KERNEL
 
 SAMPLES = 2
+VECTOR = 32
+"""Samples that may be worked on at once."""
 NEAR_M = 0.15
-PLANES = 18
-"""Numbers kept of each visible triangle: coefficients of u, v and 1 for 1/Z, u/Z, v/Z, light/Z, two edges."""
+PLANES = 24
+"""Numbers kept of each visible triangle: coefficients of u, v and 1 for 1/Z, u/Z, v/Z, light/Z and three edges;
+then, for each edge, minus the samples in a pixel over the first of its coefficients (0 where that is 0)."""
 
 FLAG_TWO_SIDED, FLAG_ALPHA, FLAG_GROUND, FLAG_UNLIT = 1, 2, 4, 8
 
@@ -111,108 +114,112 @@ def set_up(  # type: ignore[no-untyped-def]
                 planes[count, 3 * row + 2] = (q0 * a2 + q1 * b2 + q2 * c2) / det - du * cx - dv * cy
             source[count] = k
             boxes[count, 0], boxes[count, 1], boxes[count, 2], boxes[count, 3] = left, right, top, bottom
-            # two edges; the third is 1/Z less both
-            planes[count, 12], planes[count, 13] = a0 / (det * f), a1 / (det * f)
-            planes[count, 14] = a2 / det - planes[count, 12] * cx - planes[count, 13] * cy
-            planes[count, 15], planes[count, 16] = b0 / (det * f), b1 / (det * f)
-            planes[count, 17] = b2 / det - planes[count, 15] * cx - planes[count, 16] * cy
+            for edge in range(3):
+                if edge == 0:
+                    e0, e1, e2 = a0, a1, a2
+                elif edge == 1:
+                    e0, e1, e2 = b0, b1, b2
+                else:
+                    e0, e1, e2 = c0, c1, c2
+                row = 12 + 3 * edge
+                du, dv = e0 / (det * f), e1 / (det * f)
+                planes[count, row], planes[count, row + 1] = du, dv
+                planes[count, row + 2] = e2 / det - du * cx - dv * cy
+                planes[count, 21 + edge] = -SAMPLES / du if du != 0.0 else 0.0
             count += 1
     return count
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(**INLINED)
+def _span(q, u_shift, v, low, high):  # type: ignore[no-untyped-def]
+    """First and last column of the samples that a triangle covers in row v of the picture, within low...high."""
+    left, right = low, high
+    for edge in range(3):
+        # the edge is crossed where slope u + h = 0
+        slope, h = q[12 + 3 * edge], q[13 + 3 * edge] * v + q[14 + 3 * edge]
+        if slope > 0.0:
+            left = max(left, h * q[21 + edge] + u_shift)
+        elif slope < 0.0:
+            right = min(right, h * q[21 + edge] + u_shift)
+        elif h < 0.0:
+            return 1, 0
+    if left > right:
+        return 1, 0
+    return int(math.ceil(left)), int(math.floor(right))
+
+
+@njit(**KERNEL)
 def fill(  # type: ignore[no-untyped-def]
-    count, planes, source, boxes, flags, textures, texels, table, levels, inverse_depth, ids
+    count, planes, source, boxes, flags, textures, texels, table, levels, inverse_depth, ids, where, opaque
 ):
     """The nearest of the visible triangles in every sample.
 
     inverse_depth (H S, W S) float32 and ids (H S, W S) int32 come in as 0 and -1 and hold 1/Z and the index of
-    the visible triangle. Triangles flagged ALPHA are holes where the texture after theirs is dark.
+    the visible triangle. Triangles flagged ALPHA are holes where the texture after theirs is dark. where int32
+    and opaque uint8, (W S + VECTOR,), are scratch.
+
+    The loops over a row have no branch, so that they run on many samples at once; indices are unsigned, which
+    spares numba's wrap-around of negative ones.
     """
     step = 1.0 / SAMPLES
+    u_shift = 0.5 * SAMPLES - 0.5
     for k in range(count):
         q = planes[k]
-        w0, w1, w2 = q[0], q[1], q[2]
-        a0, a1, a2 = q[12], q[13], q[14]
-        b0, b1, b2 = q[15], q[16], q[17]
-        c0, c1, c2 = w0 - a0 - b0, w1 - a1 - b1, w2 - a2 - b2
-        # where an edge is crossed in row v: column h(v) times these
-        a3 = -SAMPLES / a0 if a0 != 0.0 else 0.0
-        b3 = -SAMPLES / b0 if b0 != 0.0 else 0.0
-        c3 = -SAMPLES / c0 if c0 != 0.0 else 0.0
-        middle = 0.5 * SAMPLES - 0.5
+        name = np.int32(k)
         low, high = float(boxes[k, 0]), float(boxes[k, 1])
         tri = source[k]
         alpha = flags[tri] & FLAG_ALPHA
         tex = textures[tri] + 1
-        level, magnified = 0, True
+        level = 0
         if alpha:
             # one level for the triangle: how many texels a pixel spans at its middle
             u = 0.5 * (low + high + 1.0) * step - 0.5
             v = 0.5 * (boxes[k, 2] + boxes[k, 3] + 1.0) * step - 0.5
-            z = 1.0 / max(w0 * u + w1 * v + w2, 1e-6)
+            z = 1.0 / max(q[0] * u + q[1] * v + q[2], 1e-6)
             s, t = (q[3] * u + q[4] * v + q[5]) * z, (q[6] * u + q[7] * v + q[8]) * z
-            span = abs(q[3] - s * w0) + abs(q[4] - s * w1) + abs(q[6] - t * w0) + abs(q[7] - t * w1)
+            span = abs(q[3] - s * q[0]) + abs(q[4] - s * q[1]) + abs(q[6] - t * q[0]) + abs(q[7] - t * q[1])
             level = min(int(math.log2(max(span * z * 0.35, 1.0))), levels[tex] - 4)
-            # interpolate only where a texel is larger than a sample
-            magnified = span * z < 1.4
-        offset, lw, lh = table[tex, level, 0], table[tex, level, 1], table[tex, level, 2]
+        start, shift = np.uint64(table[tex, level, 0]), np.int32(table[tex, level, 1])
         scale = 1.0 / (1 << level)
-        one = np.uint64(1)
-        mask_w, mask_h = (one << np.uint64(lw)) - one, (one << np.uint64(lh)) - one
+        mask_w = np.int32((1 << table[tex, level, 1]) - 1)
+        mask_h = np.int32((1 << table[tex, level, 2]) - 1)
         for row in range(boxes[k, 2], boxes[k, 3] + 1):
             v = (row + 0.5) * step - 0.5
-            left, right = low, high
-            h = a1 * v + a2
-            if a0 > 0.0:
-                left = max(left, h * a3 + middle)
-            elif a0 < 0.0:
-                right = min(right, h * a3 + middle)
-            elif h < 0.0:
-                continue
-            h = b1 * v + b2
-            if b0 > 0.0:
-                left = max(left, h * b3 + middle)
-            elif b0 < 0.0:
-                right = min(right, h * b3 + middle)
-            elif h < 0.0:
-                continue
-            h = c1 * v + c2
-            if c0 > 0.0:
-                left = max(left, h * c3 + middle)
-            elif c0 < 0.0:
-                right = min(right, h * c3 + middle)
-            elif h < 0.0:
-                continue
-            if left > right:
-                continue
-            first, last = int(math.ceil(left)), int(math.floor(right))
-            if first > last:
+            first, last = _span(q, u_shift, v, low, high)
+            n = last - first + 1
+            if n <= 0:
                 continue
             u = (first + 0.5) * step - 0.5
-            w = w0 * u + w1 * v + w2
-            dw = w0 * step
+            w, dw = np.float32(q[0] * u + q[1] * v + q[2]), np.float32(q[0] * step)
+            x, y = np.uint64(first), np.uint64(row)
             if not alpha:
-                for x in range(first, last + 1):
-                    if w > inverse_depth[row, x]:
-                        inverse_depth[row, x] = w
-                        ids[row, x] = k
-                    w += dw
+                for i in range(n):
+                    far = inverse_depth[y, x + np.uint64(i)]
+                    near = w + np.float32(i) * dw
+                    hit = near > far
+                    inverse_depth[y, x + np.uint64(i)] = near if hit else far
+                    ids[y, x + np.uint64(i)] = name if hit else ids[y, x + np.uint64(i)]
                 continue
-            s, t = q[3] * u + q[4] * v + q[5], q[6] * u + q[7] * v + q[8]
-            ds, dt = q[3] * step, q[6] * step
-            for x in range(first, last + 1):
-                if w > inverse_depth[row, x]:
-                    z = scale / w
-                    if magnified:
-                        opaque = bilinear(texels, offset, lw, lh, s * z, t * z) > 127.0
-                    else:
-                        column = np.uint64(np.int64(s * z)) & mask_w
-                        line = np.uint64(np.int64(t * z)) & mask_h
-                        opaque = texels[np.uint64(offset) + (line << np.uint64(lw)) + column] > 127
-                    if opaque:
-                        inverse_depth[row, x] = w
-                        ids[row, x] = k
-                w += dw
-                s += ds
-                t += dt
+            seen = False
+            for i in range(n):
+                seen |= w + np.float32(i) * dw > inverse_depth[y, x + np.uint64(i)]
+            if not seen:
+                continue
+            s = np.float32((q[3] * u + q[4] * v + q[5]) * scale)
+            t = np.float32((q[6] * u + q[7] * v + q[8]) * scale)
+            ds, dt = np.float32(q[3] * step * scale), np.float32(q[6] * step * scale)
+            # a whole number of vectors: what is left over would be done one by one
+            for i in range((n + VECTOR - 1) & ~(VECTOR - 1)):
+                f = np.float32(i)
+                z = np.float32(1.0) / (w + f * dw)
+                column = np.int32((s + f * ds) * z) & mask_w
+                line = np.int32((t + f * dt) * z) & mask_h
+                where[i] = (line << shift) + column
+            for i in range(n):
+                opaque[i] = texels[start + np.uint64(where[i])]
+            for i in range(n):
+                far = inverse_depth[y, x + np.uint64(i)]
+                near = w + np.float32(i) * dw
+                hit = (near > far) & (opaque[i] > 127)
+                inverse_depth[y, x + np.uint64(i)] = near if hit else far
+                ids[y, x + np.uint64(i)] = name if hit else ids[y, x + np.uint64(i)]

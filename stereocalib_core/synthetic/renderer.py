@@ -91,18 +91,45 @@ def _in_sight(world: World, T_camera_world: Array, lens: float) -> list[Instance
     return [world.standing[k] for k in np.flatnonzero(near & inside)]
 
 
+class Canvas:
+    """What each sample of a picture (width, height) sees of a world; scratch memory, so one thread at a time.
+
+    ids (H S, W S) int32, -1 = nothing; planes and source as `raster.set_up` fills them.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.size = (width, height)
+        h, w = height * raster.SAMPLES, width * raster.SAMPLES
+        self.ids = np.empty((h, w), np.int32)
+        self._inverse_depth = np.empty((h, w), np.float32)
+        self.planes = np.empty((_MAX_VISIBLE, raster.PLANES))
+        self.source = np.empty(_MAX_VISIBLE, np.int64)
+        self._boxes = np.empty((_MAX_VISIBLE, 4), np.int64)
+        self._row = np.empty(w + raster.VECTOR, np.int32), np.empty(w + raster.VECTOR, np.uint8)
+
+    def draw(self, world: World, draws: Draws, K: tuple[float, float, float]) -> None:
+        """Find the nearest triangle in every sample, for focal length and principal point K [px]."""
+        mesh, atlas = world.mesh, world.atlas
+        count = raster.set_up(
+            *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
+            *(draws.ranges, draws.poses, draws.suns, draws.gains, K, self.size),
+            *(self.planes, self.source, self._boxes),
+        )
+        self._inverse_depth.fill(0.0)
+        self.ids.fill(-1)
+        raster.fill(
+            *(count, self.planes, self.source, self._boxes, mesh.flags, mesh.textures),
+            *(atlas.texels, atlas.table, atlas.levels, self._inverse_depth, self.ids, *self._row),
+        )
+
+
 class Renderer:
-    """Renders views of one world; keeps its scratch memory, so one thread at a time."""
+    """Renders views of one world, one at a time."""
 
     def __init__(self, world: World, camera: StereoCamera) -> None:
         self.world = world
         self.camera = camera
-        h, w = camera.height * raster.SAMPLES, camera.width * raster.SAMPLES
-        self._inverse_depth = np.zeros((h, w), np.float32)
-        self._ids = np.full((h, w), -1, np.int32)
-        self._planes = np.empty((_MAX_VISIBLE, raster.PLANES))
-        self._source = np.empty(_MAX_VISIBLE, np.int64)
-        self._boxes = np.empty((_MAX_VISIBLE, 4), np.int64)
+        self._canvas = Canvas(camera.width, camera.height)
 
     def view(
         self,
@@ -120,29 +147,17 @@ class Renderer:
         s_m: where along the course. things, shadows: what moves. drift: image motion during the exposure, as in
         `shade`. contrast: of the ground's texture, with `road_grey` in its place as it goes to 0.
         """
-        camera, world, mesh = self.camera, self.world, self.world.mesh
+        camera, mesh, atlas, canvas = self.camera, self.world.mesh, self.world.atlas, self._canvas
         K = (camera.focal_px, cx_px, camera.cy_px)
         widest = max(cx_px, camera.width - cx_px) / camera.focal_px
-        draws = list_draws(world, T_world_camera, s_m, things, widest)
-        count = raster.set_up(
-            *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
-            *(draws.ranges, draws.poses, draws.suns, draws.gains, K, (camera.width, camera.height)),
-            *(self._planes, self._source, self._boxes),
-        )
-        self._inverse_depth.fill(0.0)
-        self._ids.fill(-1)
-        atlas = world.atlas
-        textures = (atlas.texels, atlas.table, atlas.levels)
-        raster.fill(
-            *(count, self._planes, self._source, self._boxes, mesh.flags, mesh.textures),
-            *(*textures, self._inverse_depth, self._ids),
-        )
+        canvas.draw(self.world, list_draws(self.world, T_world_camera, s_m, things, widest), K)
         grey = np.empty((camera.height, camera.width), np.float32)
         inverse_depth, label = np.empty_like(grey), np.empty(grey.shape, np.uint8)
-        ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, _HAZE_GREY, world.map_texel_m])
+        texel_m = self.world.map_texel_m
+        ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, _HAZE_GREY, texel_m])
         shade(
-            *(self._planes, self._source, mesh.flags, mesh.textures, mesh.labels, self._ids, *textures, K),
-            *(np.ascontiguousarray(T_world_camera[:3, :3]), TEXTURE_SKY, drift, shadows, ground),
-            *(grey, inverse_depth, label),
+            *(canvas.planes, canvas.source, mesh.flags, mesh.textures, mesh.labels, canvas.ids),
+            *(atlas.texels, atlas.table, atlas.levels, K, np.ascontiguousarray(T_world_camera[:3, :3])),
+            *(TEXTURE_SKY, drift, shadows, ground, grey, inverse_depth, label),
         )
         return View(grey, inverse_depth, label)

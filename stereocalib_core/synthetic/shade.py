@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from stereocalib_core.synthetic.raster import FLAG_ALPHA, FLAG_GROUND, SAMPLES
-from stereocalib_core.synthetic.textures import sample
+from stereocalib_core.synthetic.textures import INLINED, KERNEL, sample
 
 MAX_TAPS = 5
 GRAIN_TAPS = 3
@@ -20,7 +20,7 @@ ROAD_TEXEL_M = 0.025
 GRAIN_TEXEL_M = 0.008
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(**INLINED)
 def _surface(  # type: ignore[no-untyped-def]
     planes, k, flag, tex, u, v, texels, table, levels, drift, shadows, ground
 ):
@@ -78,7 +78,7 @@ def _surface(  # type: ignore[no-untyped-def]
     return value + haze * (ground[4] - value), w
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(**KERNEL)
 def shade(  # type: ignore[no-untyped-def]
     planes,
     source,

@@ -9,10 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+KERNEL: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "fastmath": True,
+    "error_model": "numpy",
+    "_nrt": False,
+}
+"""How compiled functions that make no array are compiled. Without `_nrt` numba counts the references to every
+array at every call in every pixel, which takes longer than the work itself."""
+INLINED: dict[str, Any] = {**KERNEL, "forceinline": True}
 
 MAX_LEVELS = 18
 _HALVES = 0.5 ** np.arange(MAX_LEVELS + 1)
@@ -86,7 +98,7 @@ def tileable_noise(
     return total.astype(np.float32)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+@njit(**INLINED)
 def bilinear(texels, offset, log_w, log_h, u, v):  # type: ignore[no-untyped-def]
     """Grey level at u, v [texels of this level, centres at half-integers], repeating."""
     u -= 0.5
@@ -110,7 +122,7 @@ def bilinear(texels, offset, log_w, log_h, u, v):  # type: ignore[no-untyped-def
     return top + (r + (s - r) * a - top) * b
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(**INLINED)
 def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type: ignore[no-untyped-def]
     """Filtered grey level of texture `tex` at u, v [texels of level 0].
 
