@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,19 @@ class MotionSeries:
         tracked = has_pair & (tracks.still | (tracks.best_motion[0][:, 6] > 0.0))
         tracked[1:] &= tracks.previous[1:] == np.arange(len(tracks) - 1)
         return cls(timestamps_s, speed, yaw_rate, path.poses, tracked)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(N,) how far the camera turns right about its own vertical in each pair [rad]; NaN where unknown."""
+        dt = np.diff(self.timestamps_s, prepend=self.timestamps_s[:1])
+        if self.poses is None:
+            return np.asarray(self.yaw_rate * dt)
+        result = np.full(len(self.poses), np.nan)
+        for i in range(1, len(self.poses)):
+            if self.tracked is None or self.tracked[i]:
+                turn = self.poses[i - 1, :3, :3].T @ self.poses[i, :3, :3]
+                result[i] = np.arctan2(turn[0, 2], turn[2, 2])
+        return result
 
     @property
     def longitudinal(self) -> Array:

@@ -22,16 +22,17 @@ from stereocalib_core.config import ShiftAlarmConfig
 from stereocalib_core.results import FrameResult
 from stereocalib_core.rig.explained import MotionSeries, remove_explained
 from stereocalib_core.rig.over_wheels import over_wheels
-from stereocalib_core.rig.steps import find_step
+from stereocalib_core.rig.steps import Step, find_step
+from stereocalib_core.rig.yaw_steps import find_yaw_steps
 
 Array = NDArray[np.float64]
 Axis = Literal["height", "pitch", "roll", "yaw"]
 
 NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen"
 
-_HORIZONS = ((15, 30, 60), (20, 40, 60))
-"""Frames after a shift by which it may be certain; the second for the yaw, in straight pairs."""
-_MOST_SHIFTS = 6
+_HORIZONS = (15, 30, 60)
+"""Frames after a shift by which it may be certain."""
+_MOST_STEPS = 6
 _BLOCK, _DRIFT_BLOCKS = 20, 10
 """Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
 
@@ -84,44 +85,59 @@ def find_shifts(
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
     noise = float(np.deg2rad(config.noise_angle_deg))
-    series: list[tuple[Axis, Array, Array | None, float, float]] = [
-        ("height", wheels[:, 0], values[:, 0], height, config.noise_height_m),
-        ("pitch", wheels[:, 1], values[:, 1], angle, noise),
-        ("roll", wheels[:, 2], values[:, 2], angle, noise),
+    axes: list[tuple[Axis, float, float]] = [
+        ("height", height, config.noise_height_m),
+        ("pitch", angle, noise),
+        ("roll", angle, noise),
     ]
-    if pair_yaw_rad is not None:
-        series.append(("yaw", pair_yaw_rad, None, angle, float(np.deg2rad(config.noise_yaw_deg))))
     shifts: list[Shift] = []
-    for axis, numbers, witness, least, least_noise in series:
-        shifts += _axis_shifts(axis, frames, numbers, witness, steady, least, least_noise, config)
+    for k, (axis, least, least_noise) in enumerate(axes):
+        steps = _steps(wheels[:, k], values[:, k], steady, least, least_noise, config)
+        shifts += _axis_shifts(axis, frames, values[:, k], steps, least, least_noise, config)
+    if pair_yaw_rad is not None and motion is not None:
+        steps = find_yaw_steps(pair_yaw_rad, motion, config)
+        noise = float(np.deg2rad(config.noise_yaw_deg))
+        shifts += _axis_shifts("yaw", frames, pair_yaw_rad, steps, angle, noise, config)
     return tuple(sorted(shifts, key=lambda s: (s.frame, s.axis)))
+
+
+def _steps(
+    series: Array,
+    witness: Array,
+    steady: NDArray[np.bool_],
+    least: float,
+    noise: float,
+    config: ShiftAlarmConfig,
+) -> list[Step]:
+    """Steps one by one, surest first, each taken out before the next is looked for."""
+    series, witness = series.copy(), witness.copy()
+    steps: list[Step] = []
+    for _ in range(_MOST_STEPS):
+        step = find_step(series, steady, _HORIZONS, least, noise, config.threshold, witness)
+        if step is None:
+            break
+        steps.append(step)
+        series[step.onset :] -= step.size
+        witness[step.onset :] -= step.size
+    return steps
 
 
 def _axis_shifts(
     axis: Axis,
     frames: NDArray[np.int64],
     series: Array,
-    witness: Array | None,
-    steady: NDArray[np.bool_],
+    steps: list[Step],
     least: float,
     noise: float,
     config: ShiftAlarmConfig,
 ) -> list[Shift]:
-    """Steps one by one, surest first, each taken out before the next is looked for; then a drift."""
-    index = np.flatnonzero(np.isfinite(series)) if axis == "yaw" else np.arange(len(series))
-    rest, frames = series[index].copy(), frames[index]
-    calm = np.ones(len(index), dtype=bool) if axis == "yaw" else steady[index]
-    also = None if witness is None else witness[index].copy()
+    """The steps of one axis, and the drift of what remains of its series without them."""
+    rest = series.copy()
     shifts: list[Shift] = []
-    for _ in range(_MOST_SHIFTS):
-        step = find_step(rest, calm, _HORIZONS[axis == "yaw"], least, noise, config.threshold, also)
-        if step is None:
-            break
+    for step in steps:
         onset, certain = int(frames[step.onset]), int(frames[step.certain])
         shifts.append(Shift(onset, axis, step.size, step.sigma, "step", certain))
         rest[step.onset :] -= step.size
-        if also is not None:
-            also[step.onset :] -= step.size
     drift = _drift(axis, frames, rest, least, noise, config)
     return shifts if drift is None else [*shifts, drift]
 

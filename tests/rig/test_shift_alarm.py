@@ -74,23 +74,49 @@ def test_a_drift_is_told_from_a_step() -> None:
     assert 120 <= found[0].frame <= 300
 
 
-def test_the_yaw_of_single_pairs_shows_a_turned_camera() -> None:
-    rng = np.random.default_rng(2)
+def yaw_of_pairs(count: int = 400) -> np.ndarray:
+    """What single pairs say of a yaw of -0.3 deg, with gaps as in bends."""
+    yaw = np.deg2rad(-0.3 + 0.06 * np.random.default_rng(2).standard_normal(count))
+    yaw[np.arange(count) % 100 > 70] = np.nan
+    return yaw
+
+
+def turned(motion: MotionSeries, at: int, size: float) -> MotionSeries:
+    """The heading that a camera turned to the left by `size` between two frames sees besides."""
+    rate = motion.yaw_rate.copy()
+    rate[at] -= size / 0.1
+    return MotionSeries(motion.timestamps_s, motion.speed, rate)
+
+
+@pytest.mark.parametrize("at", [220, 285])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_camera_that_is_turned_is_found_on_straights_and_in_bends(at: int, sign: float) -> None:
+    drive = ride(400)
+    z, covariance = measure(drive.truth, DIRECT)
+    results, yaw, size = as_results(z, covariance, drive.time_s), yaw_of_pairs(), sign * np.deg2rad(0.3)
+    assert find_shifts(results, drive.motion, yaw) == ()
+    yaw[at:] += size
+    found = find_shifts(results, turned(drive.motion, at, size), yaw)
+    assert [(s.axis, s.frame, s.kind) for s in found] == [("yaw", at, "step")]
+    assert found[0].size == pytest.approx(size, rel=0.12)
+    straight_since = np.isfinite(yaw[at + 1 : found[0].detected_at + 1]).sum()
+    assert straight_since <= 60
+
+
+def test_a_slip_of_the_odometry_is_no_turned_camera() -> None:
     drive = ride(400)
     z, covariance = measure(drive.truth, DIRECT)
     results = as_results(z, covariance, drive.time_s)
-    yaw = np.deg2rad(-0.3 + 0.12 * rng.standard_normal(400))
-    yaw[np.arange(400) % 100 > 70] = np.nan
-    assert find_shifts(results, drive.motion, yaw) == ()
+    assert find_shifts(results, turned(drive.motion, 220, float(np.deg2rad(0.3))), yaw_of_pairs()) == ()
+    # and a yaw that jumps while the heading does not is no knock either
+    yaw = yaw_of_pairs()
     yaw[220:] += np.deg2rad(0.3)
-    found = find_shifts(results[:281], MotionSeries(*(a[:281] for a in _arrays(drive.motion))), yaw[:281])
-    assert [s.axis for s in found] == ["yaw"]
-    assert abs(found[0].frame - 220) <= 4
-    assert np.rad2deg(found[0].size) == pytest.approx(0.3, rel=0.2)
-
-
-def _arrays(motion: MotionSeries) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return motion.timestamps_s, motion.speed, motion.yaw_rate
+    assert not [s for s in find_shifts(results, drive.motion, yaw) if s.kind == "step"]
+    # unless nobody saw the heading in between
+    lost = drive.motion.yaw_rate.copy()
+    lost[215:222] = np.nan
+    found = find_shifts(results, MotionSeries(drive.time_s, drive.motion.speed, lost), yaw)
+    assert [(s.axis, s.kind) for s in found] == [("yaw", "step")]
 
 
 def test_braking_and_cornering_are_explained() -> None:
