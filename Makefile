@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 
-.PHONY: demo test check bench format clean
+.PHONY: demo test check bench bench-batch format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
@@ -26,6 +26,9 @@ check: $(READY)  ## format, lint, types
 
 bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same run
 	$(BIN)/python -m stereocalib_core.bench $(ARGS)
+
+bench-batch: $(READY)  ## twelve short drives: one run after another, one worker, two workers
+	$(BIN)/python -m stereocalib_core.batch_bench $(ARGS)
 
 format: $(READY)
 	$(BIN)/ruff format .

@@ -3,12 +3,16 @@
 Every drive is a `run` into its own folder. A worker that dies loses nothing: another one takes its drive over
 from the checkpoint. A batch that is called again skips the drives whose files are whole and whose source and
 settings are the same.
+
+A local worker takes one core and leaves the others alone: drives are what runs in parallel, so N workers are N
+times as fast as one, where a single `run` already reads, renders and solves on other cores as well.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import functools
 import hashlib
 import json
 import logging
@@ -66,8 +70,9 @@ def run_batch(
 ) -> BatchSummary:
     """Run every source into `out/<drive>/` and write summary.csv, summary.md and summary.png.
 
-    workers: local processes, default one per core. scheduler: address of a running Dask scheduler instead,
-    whose workers see the same paths. Raises StereoCalibError when not one source can be a drive.
+    workers: local processes of one core each, default as many as there are cores. scheduler: address of a
+    running Dask scheduler instead, whose workers see the same paths. Raises StereoCalibError when not one
+    source can be a drive.
     """
     config = settings.from_dict({} if method is None else {"method": method})
     specs = [_absolute(spec) for spec in specs]
@@ -90,7 +95,8 @@ def run_batch(
     try:
         if waiting:
             with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
-                for outcome in _submit(client, waiting, out, config, overwrite):
+                work = run_one if scheduler else functools.partial(run_one_on_its_core, _cores())
+                for outcome in _submit(client, work, waiting, out, config, overwrite):
                     outcomes[outcome.name] = outcome
                     if progress:
                         progress(len(outcomes), len(specs), "drives")
@@ -167,7 +173,7 @@ def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> 
 
     from stereocalib_core.run import CHECKPOINT, run_drive
 
-    cv2.setNumThreads(1)  # the drives are what runs in parallel
+    cv2.setNumThreads(1)
     path = Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -184,6 +190,25 @@ def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> 
         return {"report": report}
     except StereoCalibError as error:
         return {"error": str(error)}
+
+
+def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> dict[str, Any]:
+    """`run_one` in a worker of a local cluster, which are numbered: this one keeps to its own of `cores`.
+
+    The thread is bound, and with it every thread that the drive starts.
+    """
+    from distributed import get_worker
+
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {cores[int(get_worker().name) % len(cores)]})
+    return run_one(*drive)
+
+
+def _cores() -> list[int]:
+    """The cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 def _run_or_restart(
@@ -241,7 +266,7 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
             yield client
         return
     cluster = distributed.LocalCluster(
-        n_workers=workers or min(os.cpu_count() or 1, drives),
+        n_workers=workers or min(len(_cores()), drives),
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
@@ -273,16 +298,21 @@ def _kill_workers(cluster: Any) -> None:
 
 
 def _submit(
-    client: Any, waiting: list[tuple[str, str]], out: Path, config: PipelineConfig, overwrite: bool
+    client: Any,
+    work: Callable[..., dict[str, Any]],
+    waiting: list[tuple[str, str]],
+    out: Path,
+    config: PipelineConfig,
+    overwrite: bool,
 ) -> Iterator[DriveOutcome]:
-    """Outcomes as the drives finish."""
+    """Outcomes as the drives finish; `work` is `run_one` or does the same."""
     from distributed import as_completed
 
     futures = {}
     call = uuid.uuid4().hex  # a shared scheduler may still know keys of another batch
     for spec, name in waiting:
         arguments = (spec, str((out / name).resolve()), settings.to_dict(config), overwrite)
-        future = client.submit(run_one, *arguments, key=f"{name}-{call}", retries=RETRIES, pure=False)
+        future = client.submit(work, *arguments, key=f"{name}-{call}", retries=RETRIES, pure=False)
         futures[future] = (spec, name)
     for future in as_completed(futures):
         spec, name = futures[future]

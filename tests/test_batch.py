@@ -16,6 +16,7 @@ from drive_writer import odometry_drive
 
 from app.cli import main
 from stereocalib_core.batch import SEAL, drive_names, run_batch, run_one, sealed_report
+from stereocalib_core.batch_bench import different_files
 from stereocalib_core.batch_summary import DriveOutcome, row_of, write_summary
 from stereocalib_core.config import PipelineConfig, to_dict
 from stereocalib_core.errors import OutputError, SourceError
@@ -98,7 +99,10 @@ def test_the_summary_lists_every_drive_and_escapes_what_it_quotes(tmp_path: Path
     assert (tmp_path / "summary.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_only_bad_sources_leave_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_bad_sources_leave_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stereocalib_core.batch.CONNECT_TIMEOUT_S", 1)
     out = tmp_path / "out"
     with pytest.raises(SourceError):
         run_batch([str(tmp_path / "none")], out)
@@ -143,7 +147,9 @@ def test_a_killed_worker_loses_nothing_and_a_second_call_does_nothing(tmp_path: 
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
-    os.kill(_writer_of(checkpoint, process.pid), signal.SIGKILL)
+    worker = _writer_of(checkpoint, process.pid)
+    assert _fewest_cores(worker) == 1
+    os.kill(worker, signal.SIGKILL)
     _, errors = process.communicate(timeout=240)
     assert process.returncode == 3, errors
     assert "1 of 3 drives failed" in errors
@@ -172,3 +178,53 @@ def _writer_of(path: Path, ancestor: int) -> int:
         except OSError:
             continue
     raise AssertionError("nobody writes the checkpoint")
+
+
+def _fewest_cores(process: int) -> int:
+    """Of the threads of a process, how many cores the most bound one may use."""
+    return min(len(os.sched_getaffinity(int(task.name))) for task in Path(f"/proc/{process}/task").iterdir())
+
+
+def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
+    """A scheduler that was there before, with a worker that runs two drives at once in one process."""
+    drives = [str(part_of(kitti_03, tmp_path / name, 3)) for name in ("a", "b")]
+    known = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.2", "--port", "0"]
+    dask += ["--no-dashboard", "--scheduler-file", str(known)]
+    scheduler = subprocess.Popen(dask, **quiet)  # type: ignore[call-overload]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(known)]
+    worker += ["--nthreads", "2", "--no-nanny", "--no-dashboard", "--local-directory", str(tmp_path)]
+    processes = [scheduler]
+    try:
+        _wait_for(known)
+        processes.append(subprocess.Popen(worker, **quiet))  # type: ignore[call-overload]
+        address = json.loads(known.read_text())["address"]
+        assert address.startswith("tcp://127.0.0.2:")
+        summary = run_batch(drives, tmp_path / "out", scheduler=address)
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait()
+    assert (summary.done, summary.total) == (2, 2)
+    assert run_one(drives[0], str(tmp_path / "alone"), to_dict(PipelineConfig()), False)["report"]
+    for name in ("a", "b"):
+        csv_file = tmp_path / "out" / name / "extrinsics.csv"
+        assert csv_file.read_bytes() == (tmp_path / "alone" / "extrinsics.csv").read_bytes()
+
+
+def _wait_for(path: Path) -> None:
+    deadline = time.monotonic() + 60
+    while not path.is_file() or not path.read_text().rstrip().endswith("}"):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_the_bench_compares_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name / "drive").mkdir(parents=True)
+        (tmp_path / name / "drive" / "rig.yaml").write_text("yaw_deg: 1\n")
+        (tmp_path / name / "drive" / "report.json").write_text(name)
+    assert different_files(tmp_path / "one", tmp_path / "two") == []
+    (tmp_path / "two" / "drive" / "rig.yaml").write_text("yaw_deg: 2\n")
+    assert different_files(tmp_path / "one", tmp_path / "two") == ["drive/rig.yaml"]
