@@ -129,11 +129,13 @@ def build_parser() -> Parser:
 
     demo = add("demo", "open the app on the embedded synthetic drive", "stereocalib demo --port 8090")
     _add_server(demo)
+    _add_tolerance(demo)
     demo.add_argument("--frames", type=_positive, metavar="N", help="only the first N frames")
 
     view = add("view", "open the app on SOURCE", "stereocalib view sequences/06")
     view.add_argument("source", metavar="SOURCE", help="a drive, or the output of an earlier run")
     _add_server(view)
+    _add_tolerance(view)
     _add_run(
         add(
             "run",
@@ -203,6 +205,12 @@ def _add_server(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_tolerance(parser: argparse._ActionsContainer) -> None:
+    parser.add_argument(
+        "--tolerance", type=Path, metavar="FILE", help="nominal mount and tolerances to judge it by"
+    )
+
+
 def _add_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="output folder, new or empty")
     parser.add_argument("--overwrite", action="store_true", help="replace what an earlier call wrote there")
@@ -229,9 +237,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     method.add_argument(
         "--rig", type=Path, metavar="RIG.yaml", help="yaw, lever arm and mount from an earlier drive"
     )
-    method.add_argument(
-        "--tolerance", type=Path, metavar="FILE", help="nominal mount and tolerances to judge it by"
-    )
+    _add_tolerance(method)
     output = run.add_argument_group("recording")
     output.add_argument("--rrd", action="store_true", help="write recording.rrd for the Rerun viewer")
     output.add_argument("--rerun", action="store_true", help="show the run live in the Rerun viewer")

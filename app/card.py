@@ -1,8 +1,10 @@
-"""The answer first: how the camera is mounted, as lines of text and as Markdown."""
+"""The answer first: how the camera is mounted, as rows that become a card on the page or lines of text."""
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,68 +12,100 @@ import numpy as np
 from app import palette, text
 from app.session import Snapshot
 
-MOUNT = (("height", "height_m", 3, " m"), ("pitch", "pitch_deg", 3, "°"), ("roll", "roll_deg", 3, "°"))
+MOUNT = (
+    ("height", "height_m", " m"),
+    ("pitch", "pitch_deg", "°"),
+    ("roll", "roll_deg", "°"),
+    ("yaw", "yaw_deg", "°"),
+)
+DIGITS = 3
+SHIFTS_SHOWN = 6
 
 
-def _measured(block: Any, digits: int, unit: str) -> str:
-    if not isinstance(block, Mapping):
-        return "–"
-    return text.with_sigma(block.get("value"), block.get("sigma"), digits, unit)
+@dataclass(frozen=True)
+class CardRow:
+    """One line of the card. limit: the verdict on a tolerance, or empty; `bad` marks what needs attention."""
+
+    name: str
+    value: str
+    limit: str = ""
+    bad: bool = False
+
+
+def plain_units(line: str) -> str:
+    """A line of the report in the page's spelling: ±, °, and a real minus."""
+    return line.replace("+-", "±").replace(" deg", "°").replace("-0.", "−0.")
 
 
 def shift_words(shift: Mapping[str, Any]) -> str:
     """A shift of the mount in words."""
-    return (
-        f"{shift['kind']} of {shift['axis']} {shift['size']:+.3g} {shift['unit']} at frame {shift['frame']}"
-    )
+    size = text.number(shift["size"], 3, "°" if shift["unit"] == "deg" else f" {shift['unit']}")
+    sign = "" if shift["size"] < 0 else "+"
+    return f"{shift['kind']} of {shift['axis']} {sign}{size} at frame {shift['frame']}"
 
 
-def mount_rows(snapshot: Snapshot) -> list[tuple[str, str]]:
-    """Name and value of every line of the card."""
-    report = {} if snapshot.analysis is None else snapshot.analysis.report
+def limit_words(limit: Mapping[str, Any] | None, unit: str) -> tuple[str, bool]:
+    """The verdict on one axis, and whether it is bad."""
+    if not limit:
+        return "", False
+    allowed = f"{limit['nominal']:g} ± {limit['tolerance']:g}{unit}".replace("-", "−")
+    if limit["within"] is None:
+        return f"not measured, allowed {allowed}", True
+    return (f"✓ within {allowed}", False) if limit["within"] else (f"✗ OUTSIDE {allowed}", True)
+
+
+def mount_rows(report: Mapping[str, Any]) -> list[CardRow]:
+    """The lines of the card of an analysed drive, from report.json."""
     mount = report.get("mount") or {}
-    rows = [(name, _measured(mount.get(key), digits, unit)) for name, key, digits, unit in MOUNT]
-    yaw = _measured(mount.get("yaw_deg"), 3, "°")
-    if yaw == "–" and report.get("yaw_reason"):
-        yaw = f"not known: {report['yaw_reason']}"
-    rows.append(("yaw", yaw))
-    rectification = report.get("rectification") or {}
-    if rectification:
-        rows.append(("pair", str(rectification.get("verdict", "–"))))
-        rows.append(("pair, why", str(rectification.get("why", "–"))))
+    limits = mount.get("tolerance") or {}
+    rows = []
+    for name, key, unit in MOUNT:
+        block = mount.get(key)
+        value = "–" if not block else text.with_sigma(block.get("value"), block.get("sigma"), DIGITS, unit)
+        if name == "yaw" and value == "–" and report.get("yaw_reason"):
+            value = f"not known: {report['yaw_reason']}"
+        rows.append(CardRow(name, value, *limit_words(limits.get(key), unit)))
     within = mount.get("within_tolerance")
-    if within is not None:
-        rows.append(("tolerance", "within" if within else "OUTSIDE"))
-    shifts = report.get("shifts") or []
-    if snapshot.analysis is not None:
-        rows.append(("shifts", "; ".join(shift_words(s) for s in shifts[:6]) or "none"))
+    if limits or within is not None:
+        words = "✓ mount within tolerance" if within else "✗ mount OUTSIDE tolerance"
+        if within is None:
+            words = "not every axis measured"
+        rows.append(CardRow("tolerance", words, bad=not within))
+    verdict = (report.get("rectification") or {}).get("verdict")
+    if verdict is not None:
+        rows.append(CardRow("stereo pair", str(verdict), bad=verdict != "good"))
+    shifts = [shift_words(s) for s in report.get("shifts") or []]
+    more = f"; and {len(shifts) - SHIFTS_SHOWN} more" if len(shifts) > SHIFTS_SHOWN else ""
+    rows.append(CardRow("shifts", "; ".join(shifts[:SHIFTS_SHOWN]) + more or "none", bad=bool(shifts)))
     return rows
 
 
-def median_rows(snapshot: Snapshot) -> list[tuple[str, str]]:
+def median_rows(snapshot: Snapshot) -> list[CardRow]:
     """Medians over the frames computed so far, until the whole drive is analysed."""
-    values = np.array(
-        [
-            (r.road.extrinsics.height_m, r.road.extrinsics.pitch_deg, r.road.extrinsics.roll_deg)
-            for r in snapshot.results
-            if r.road is not None
-        ]
-    )
-    if len(values) == 0:
-        return [(name, "–") for name, *_ in MOUNT]
+    roads = [r.road.extrinsics for r in snapshot.results if r.road is not None]
+    if not roads:
+        return [CardRow(name, "–") for name, *_ in MOUNT[:3]]
+    values = np.array([(e.height_m, e.pitch_deg, e.roll_deg) for e in roads])
     middle, spread = np.median(values, axis=0), values.std(axis=0)
     return [
-        (name, f"{text.number(middle[i], digits, unit)} (spread {text.number(spread[i], digits, unit)})")
-        for i, (name, _key, digits, unit) in enumerate(MOUNT)
+        CardRow(
+            name, f"{text.number(middle[i], DIGITS, unit)} (spread {text.number(spread[i], DIGITS, unit)})"
+        )
+        for i, (name, _key, unit) in enumerate(MOUNT[:3])
     ]
 
 
-def card_rows(snapshot: Snapshot) -> tuple[str, list[tuple[str, str]]]:
+def card_rows(snapshot: Snapshot) -> tuple[str, list[CardRow]]:
     """Title and lines of the card."""
-    if snapshot.analysis is not None and (snapshot.analysis.report.get("mount") or {}).get("height_m"):
-        state = "" if snapshot.done else " (so far)"
-        return f"How this camera is mounted{state}", mount_rows(snapshot)
-    return "How this camera is mounted (median so far)", median_rows(snapshot)
+    if (snapshot.report.get("mount") or {}).get("height_m"):
+        state = "" if snapshot.done else ", so far"
+        return f"How this camera is mounted{state}", mount_rows(snapshot.report)
+    return "How this camera is mounted, median so far", median_rows(snapshot)
+
+
+def pair_words(snapshot: Snapshot) -> str:
+    """What the rows of left and right say of the pair, or nothing."""
+    return plain_units(str((snapshot.report.get("rectification") or {}).get("why") or ""))
 
 
 def card_text(name: str, snapshot: Snapshot) -> str:
@@ -79,26 +113,41 @@ def card_text(name: str, snapshot: Snapshot) -> str:
     title, rows = card_rows(snapshot)
     failed = len(snapshot.failures())
     lines = [f"{name}: {title.lower()}", f"frames: {len(snapshot.results)} computed, {failed} failed"]
-    return "\n".join(lines + [f"{key}: {value}" for key, value in rows])
+    lines += [f"{row.name}: {row.value}" + (f" ({row.limit})" if row.limit else "") for row in rows]
+    why = pair_words(snapshot)
+    return "\n".join(lines + ([f"stereo pair, why: {why}"] if why else []))
 
 
-def card_markdown(snapshot: Snapshot) -> str:
-    """The card as Markdown."""
+def _cell(value: str, bad: bool, style: str = "") -> str:
+    shown = html.escape(value)
+    if bad:
+        mark = "" if value.startswith(("✗", "not ")) else "⚠ "
+        shown = f'<b style="color:{palette.css(palette.FAILED)}">{mark}{shown}</b>'
+    return f'<td style="{style}">{shown}</td>'
+
+
+def _row(row: CardRow, wide: bool) -> str:
+    name = f'<td style="opacity:0.75;padding-right:0.8em;white-space:nowrap">{html.escape(row.name)}</td>'
+    if row.limit:
+        value = _cell(row.value, False, "font-weight:600;white-space:nowrap")
+        return f"<tr>{name}{value}{_cell(row.limit, row.bad, 'font-size:0.88em;padding-left:0.7em')}</tr>"
+    span = ' colspan="2"' if wide else ""
+    value = _cell(row.value, row.bad, "font-weight:600")
+    return f"<tr>{name}{value.replace('<td', f'<td{span}', 1)}</tr>"
+
+
+def card_html(snapshot: Snapshot) -> str:
+    """The card for the page; every string in it is escaped."""
     title, rows = card_rows(snapshot)
-
-    def value_of(key: str, value: str) -> str:
-        shown = text.escape(value, 160)
-        alarming = (key in ("pair", "tolerance") and value not in ("good", "within", "–")) or (
-            key == "shifts" and value != "none"
-        )
-        return (
-            f'<span style="color:{palette.css(palette.FAILED)}">**⚠ {shown}**</span>' if alarming else shown
-        )
-
-    lines = [[f"**{key}**", value_of(key, value)] for key, value in rows if key != "pair, why"]
-    why = "".join(
-        f'\n\n<span style="font-size:0.8em;opacity:0.75">Stereo pair: {text.escape(value, 400)}</span>'
-        for key, value in rows
-        if key == "pair, why"
+    wide = any(row.limit for row in rows)
+    why = pair_words(snapshot)
+    note = (
+        f'<div style="font-size:0.85em;opacity:0.7;margin-top:0.35em">{html.escape(why)}</div>' if why else ""
     )
-    return f"**{title}**\n\n{text.table(['', ''], lines)}{why}"
+    return (
+        '<div style="margin:0.2em 0.5em 0.4em;padding:0.5em 0.7em;border-radius:6px;font-size:0.85em;'
+        f'line-height:1.5;border:1px solid {palette.css(palette.RULE)};background:rgba(128,128,128,0.08)">'
+        f'<div style="font-weight:700;margin-bottom:0.25em">{html.escape(title)}</div>'
+        f'<table style="border-spacing:0;width:100%;vertical-align:top">{"".join(_row(r, wide) for r in rows)}'
+        f"</table>{note}</div>"
+    )

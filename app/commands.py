@@ -32,8 +32,11 @@ def view(arguments: argparse.Namespace) -> str | None:
 
 
 def _serve(spec: str, arguments: argparse.Namespace) -> None:
+    from stereocalib_core.tolerance import read_tolerances
+
+    limits = read_tolerances(arguments.tolerance) if arguments.tolerance else {}
     server = importlib.import_module("app.server")
-    server.serve(spec, arguments.host, arguments.port)
+    server.serve(spec, arguments.host, arguments.port, server.Opening(limits=limits))
 
 
 def run(arguments: argparse.Namespace) -> str | None:

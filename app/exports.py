@@ -6,6 +6,7 @@ import json
 import shlex
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from app.session import Session, Snapshot
 from app.settings import Corrections, Settings
 from stereocalib_core import io
-from stereocalib_core.compare import compare_runs, describe
+from stereocalib_core.compare import compare_runs
 from stereocalib_core.config import to_dict
 from stereocalib_core.errors import OutputError
 
@@ -53,27 +54,19 @@ def kitti(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
 
 
 def csv(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
-    """extrinsics.csv."""
+    """extrinsics.csv, with the frame numbers of the whole recording."""
     filtered = None if snapshot.analysis is None else snapshot.analysis.filtered
     results = snapshot.results[: snapshot.analysed] if filtered is not None else snapshot.results
-    return _written("extrinsics.csv", lambda path: io.write_extrinsics_csv(path, results, filtered))
+    first = 0 if session.frames is None else session.frames[0]
+    rows = [replace(r, frame=r.frame + first) for r in results] if first else results
+    return _written("extrinsics.csv", lambda path: io.write_extrinsics_csv(path, rows, filtered))
 
 
 def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
-    """report.json with what the analysis says, and the settings of the page."""
-    failures: dict[str, int] = {}
-    for result in snapshot.results:
-        if not result.ok:
-            failures[result.reason] = failures.get(result.reason, 0) + 1
-    content = {
-        "source": session.spec,
-        "frames": len(snapshot.results),
-        "frames_ok": sum(r.ok for r in snapshot.results),
-        "method": session.config.method,
-        **(dict(snapshot.analysis.report) if snapshot.analysis is not None else {}),
-        "failures": failures,
-        "page": {"corrections": vars(settings.corrections)},
-    }
+    """report.json of the frames analysed so far, and the settings of the page."""
+    if not snapshot.report:
+        raise OutputError("no report yet", "export", "wait until some frames are computed")
+    content = {**snapshot.report, "page": {"corrections": vars(settings.corrections)}}
     return (json.dumps(io.plain(content), indent=2) + "\n").encode()
 
 
@@ -84,12 +77,11 @@ def run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder:
     (folder / "trajectory.txt").write_bytes(kitti(session, snapshot, settings))
 
 
-def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Path) -> str:
-    """What differs between the drive on show (A) and an earlier run (B), in lines of text."""
+def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Path) -> dict[str, Any]:
+    """What differs between the drive on show (A) and an earlier run (B), as `compare_runs` has it."""
     with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
         run_folder(session, snapshot, settings, Path(folder))
-        text = describe(compare_runs(Path(folder), other))
-    return text.replace(folder, session.source.name)
+        return compare_runs(Path(folder), other)
 
 
 def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -21,6 +22,7 @@ T = TypeVar("T")
 CLOUD_POINTS = 14_000
 CLOUD_RANGE_M = 45.0
 PICTURE_CACHE_BYTES = 96_000_000
+AHEAD_THREADS = 2
 
 
 class BoundedCache(Generic[T]):
@@ -72,12 +74,11 @@ class FrameStages:
 
 @dataclass(frozen=True)
 class FrameView:
-    """One frame ready to be sent: two JPEG pictures, the coloured cloud in the camera frame [m], and the left
-    image once more, small."""
+    """One frame ready to be sent: the picture (left image above the stages) as JPEG, the coloured cloud in the
+    camera frame [m], and the left image once more, small."""
 
     index: int
-    left_jpeg: bytes
-    stages_jpeg: bytes
+    jpeg: bytes
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
     small: NDArray[np.uint8] | None
@@ -121,9 +122,11 @@ class FrameViews:
     def __init__(self, source: FrameSource, stages: Callable[[StereoFrame], RoadStages | None]) -> None:
         self._source, self._make_stages = source, stages
         self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
+        self._makers = ThreadPoolExecutor(AHEAD_THREADS, "views ahead")
+        self._ahead: list[Future[FrameView]] = []
         self._views: BoundedCache[FrameView] = BoundedCache(
             PICTURE_CACHE_BYTES,
-            lambda v: len(v.left_jpeg) + len(v.stages_jpeg) + v.points.nbytes + v.colors.nbytes,
+            lambda v: len(v.jpeg) + v.points.nbytes + v.colors.nbytes,
         )
 
     def stages(self, index: int) -> FrameStages:
@@ -136,21 +139,23 @@ class FrameViews:
         return self._stages.get(index, make)
 
     def get(self, index: int, layout: str, live: Extrinsics | None = None) -> FrameView:
-        """The frame's pictures in a layout; `live` draws a second road with those extrinsics."""
+        """The frame's picture in a layout; `live` draws a second road with those extrinsics."""
 
         def make() -> FrameView:
             seen = self.stages(index)
             camera = self._source.camera
             points, colors = cloud(seen.frame, seen.stages, camera)
-            left = render.left_view(seen.frame, seen.stages, camera, live)
-            right = render.stages_view(seen.frame, seen.stages, camera, layout, live)
-            return FrameView(
-                index,
-                canvas.encode_jpeg(left),
-                canvas.encode_jpeg(right),
-                points,
-                colors,
-                small_picture(seen.frame),
-            )
+            picture = render.composed_view(seen.frame, seen.stages, camera, layout, live)
+            return FrameView(index, canvas.encode_jpeg(picture), points, colors, small_picture(seen.frame))
 
         return self._views.get((index, layout, live), make)
+
+    def make_ahead(self, wanted: Sequence[tuple[int, Extrinsics | None]], layout: str) -> None:
+        """Make views in the background that will be asked for soon; what was asked for last time is forgotten."""
+        for future in self._ahead:
+            future.cancel()
+        self._ahead = [self._makers.submit(self.get, index, layout, live) for index, live in wanted]
+
+    def close(self) -> None:
+        """Make nothing more ahead."""
+        self._makers.shutdown(wait=False, cancel_futures=True)

@@ -48,7 +48,7 @@ COMMANDS: tuple[Command, ...] = (
         "Follow the car or show the whole drive",
         "C",
         None,
-        lambda page: page.change(follow=not page.settings.follow),
+        lambda page: page.set_follow(not page.settings.follow),
     ),
     Command("Export the figure sheet", "X", None, lambda page: None),
 )

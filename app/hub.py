@@ -7,20 +7,34 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import viser
 from viser import _messages
 
 from app import hotkeys, palette
 from app.browser_panel import BrowserPanel
-from app.library import Library, open_drive
+from app.library import Library
 from app.page import Page
 from app.session import Session
+from app.viewpoint import FOLLOWING, UP
 from stereocalib_core.errors import SourceError
 from stereocalib_core.io import read_run
 
 LOG = logging.getLogger(__name__)
-VIEWS_WIDTH_PX, MAIN_WIDTH_PX = 450, 345
+MAIN_WIDTH_PX = 345
+VIEWS_WIDTH_PX = (400, 700)
+SCENE_WIDTH_PX = 400
+"""What the 3-D view keeps at least."""
 TIMELINE_WIDTH_PX = (380, 900)
+PICTURE_SHAPE = 1.36
+"""Height over width of all stages together."""
+
+
+def views_width(height_px: int, window_px: int) -> int:
+    """Width of the docked pictures so that all stages fit a browser's height, and the 3-D view keeps its own."""
+    wanted = int((height_px - 165) / PICTURE_SHAPE) + 26
+    most = min(VIEWS_WIDTH_PX[1], window_px - MAIN_WIDTH_PX - SCENE_WIDTH_PX)
+    return max(VIEWS_WIDTH_PX[0], min(wanted, most))
 
 
 class Hub:
@@ -31,15 +45,16 @@ class Hub:
         self._lock = threading.RLock()
         self._own: dict[int, Page] = {}
         self._browsers: dict[int, BrowserPanel] = {}
+        self._views_px: dict[int, tuple[str, int]] = {}
         self._sessions: list[Session] = [session]
         self.leader: int | None = None
         self.closed = False
         server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
         )
-        server.initial_camera.position = (-6.0, -6.0, -9.5)
-        server.initial_camera.look_at = (0.9, 4.4, 4.5)
-        server.initial_camera.up = (0.0, -1.0, 0.0)
+        server.initial_camera.position = FOLLOWING.position
+        server.initial_camera.look_at = FOLLOWING.look_at
+        server.initial_camera.up = UP
         server.scene.configure_default_lights(cast_shadow=False)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(MAIN_WIDTH_PX)
@@ -70,6 +85,11 @@ class Hub:
         """The page that a browser shows."""
         return self._own.get(client_id, self.shared)
 
+    def viewers(self, page: Page) -> list[viser.ClientHandle]:
+        """The browsers that show a page."""
+        clients = self.server.get_clients()
+        return [client for number, client in clients.items() if self.page_of(number) is page]
+
     def may_steer(self, page: Page, client_id: int | None) -> bool:
         """Whether a browser may change a page: its own always, the shared one unless another leads."""
         return page.owner is not None or self.leader is None or self.leader == client_id
@@ -84,12 +104,11 @@ class Hub:
         """Open a zip that was uploaded; raises SourceError."""
         self._show(page, self.library.open_upload(upload.name, upload.content))
 
-    def reopen(self, page: Page, spec: str, frame: int) -> None:
-        """Open a variation of the drive on show, and go to a frame; raises SourceError."""
-        old = page.session
-        new = open_drive(spec, old.config)
-        self._show(page, new)
-        self.page_of(page.owner if page.owner is not None else -1).playback.seek(frame)
+    def reopen(self, page: Page, spec: str, frame: int, same_before: int = 0) -> None:
+        """Open a variation of the drive on show, which begins to differ at frame `same_before`, and go to a
+        frame; raises SourceError."""
+        new = self.library.vary(page.session, spec, same_before)
+        self._show(page, new, frame)
 
     def compare(self, page: Page, text: str) -> None:
         """Lay an earlier run beside the drive on show; an empty text takes it away. Raises SourceError."""
@@ -101,8 +120,8 @@ class Hub:
             raise SourceError("no such folder", text[:200], "name the output folder of an earlier run")
         page.set_compared(read_run(folder))
 
-    def _show(self, page: Page, session: Session) -> None:
-        """Replace the drive of a page."""
+    def _show(self, page: Page, session: Session, frame: int | None = None) -> None:
+        """Replace the drive of a page, at a frame; without one, a drive that is still computed plays."""
         with self._lock:
             if self.closed:
                 session.close()
@@ -121,8 +140,10 @@ class Hub:
                 fresh = Page(self, client, session, page.name, page.owner, settings)
                 self._own[page.owner] = fresh
                 self._place(fresh)
+            if frame is not None:
+                fresh.playback.seek(frame)
             fresh.start()
-            if session.autoplay:
+            if frame is None and session.run is None:
                 fresh.playback.play()
             self._drop_unused()
         for client in self.server.get_clients().values():
@@ -183,16 +204,25 @@ class Hub:
     def _place(self, page: Page) -> None:
         """Put the panels of a page where they belong."""
         page.views.panel.dock_left()
-        page.views.panel.set_width(VIEWS_WIDTH_PX)
+        page.views.panel.set_width(views_width(720, 1280))
         page.timeline.panel.float(x=8, y=-8, width=460)
 
     def fit(self, client: viser.ClientHandle) -> None:
-        """Let the time line use the width that this browser has between the docked panels."""
+        """Give the pictures the height that this browser has, and the time line what is left between the panels."""
         page = self.page_of(client.client_id)
-        room = int(client.camera.image_width) - 16
-        width = max(TIMELINE_WIDTH_PX[0], min(TIMELINE_WIDTH_PX[1], room))
+        height, between = int(client.camera.image_height), int(client.camera.image_width)
+        name, docked = self._views_px.get(client.client_id, ("", views_width(720, 1280)))
+        views = views_width(height, between + docked + MAIN_WIDTH_PX)
+        if (name, docked) != (page.name, views):
+            # Only then: a width that somebody has dragged must stay.
+            self._views_px[client.client_id] = page.name, views
+            self._set_width(client, page, page.views.panel, views)
+        room = between + docked - views - 16
+        self._set_width(client, page, page.timeline.panel, int(np.clip(room, *TIMELINE_WIDTH_PX)))
+
+    def _set_width(self, client: viser.ClientHandle, page: Page, panel: Any, width: int) -> None:
         message = _messages.GuiSetPanelWidthMessage(
-            page.timeline.panel._impl.uuid,
+            panel._impl.uuid,
             width,
             counter=page.gui._next_layout_counter(),
             run_id=page.gui._layout_run_id,
@@ -216,6 +246,7 @@ class Hub:
         with self._lock:
             page = self._own.pop(client.client_id, None)
             self._browsers.pop(client.client_id, None)
+            self._views_px.pop(client.client_id, None)
             if self.leader == client.client_id:
                 self.leader = None
             self._drop_unused()

@@ -20,6 +20,7 @@ from app.playback import ClockState, Playback
 from app.scene_part import ScenePart
 from app.session import Session
 from app.settings import Settings
+from app.viewpoint import FOLLOWING, place_camera
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.io import SavedRun
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from app.hub import Hub
 
 LOG = logging.getLogger(__name__)
+TICKS_AHEAD = 4
 
 
 class Page:
@@ -148,6 +150,13 @@ class Page:
             self.settings = replace(self.settings, **changes)
         self.playback.poke()
 
+    def set_follow(self, follow: bool) -> None:
+        """Follow the car, or stand back so far that the whole drive is in sight."""
+        self.change(follow=follow)
+        view = FOLLOWING if follow else self.scene.overview()
+        for client in self.hub.viewers(self):
+            place_camera(client, view)
+
     def set_compared(self, run: SavedRun | None) -> None:
         """Lay another run beside this one."""
         self.compared = run
@@ -179,10 +188,10 @@ class Page:
         frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
         settings_changed = last is None or last[2] != settings or last[4] != self._revision
         drive_changed = last is None or last[1] != snapshot.version
-        if self.session.saved:
-            paths = self._book.saved(None if snapshot.analysis is None else snapshot.analysis.poses)
-        else:
+        if self.session.tracks:
             paths = self._book.state(snapshot.paths, settings.corrections)
+        else:
+            paths = self._book.saved(None if snapshot.analysis is None else snapshot.analysis.poses)
         moment = Moment(
             session=self.session,
             snapshot=snapshot,
@@ -209,3 +218,11 @@ class Page:
                 part.update(moment)
         self.api.flush()
         self._last = key
+        self._make_ahead(settings)
+
+    def _make_ahead(self, settings: Settings) -> None:
+        """While playing, have the next pictures made while this one travels."""
+        frames = self.playback.upcoming(TICKS_AHEAD)
+        if frames and not self._closed:
+            views = self.session.views_with(settings.broken_stage)
+            views.make_ahead([(f, self._live_road(f, settings)) for f in frames], settings.layout)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-SHORTEST_TICK_S = 1.0 / 12.0
-"""Browsers slow down beyond about 24 picture updates a second; a tick sends two."""
+SHORTEST_TICK_S = 1.0 / 20.0
+"""Browsers slow down beyond about 24 picture updates a second; a tick sends one."""
 IDLE_S = 0.25
 
 
@@ -161,6 +161,17 @@ class Playback:
             self._dirty = True
         if stalled or (frame == 0 and state.frame != 0):
             self._rebase()
+
+    def upcoming(self, ticks: int) -> list[int]:
+        """The frames that will be due within the next ticks, nearest first; none while paused."""
+        with self._wake:
+            state, (wall, media) = self._state, self._anchor
+        if not state.playing:
+            return []
+        ahead = media + (time.monotonic() - wall + SHORTEST_TICK_S * np.arange(1, ticks + 1)) * state.speed
+        frames = np.searchsorted(self._times, ahead + 1e-9, side="right") - 1
+        known = frames[(frames > state.frame) & (frames < self._available())]
+        return [int(frame) for frame in np.unique(known)]
 
     def _pause_s(self, last: float) -> float:
         """How long nothing is due. Called with the lock held."""

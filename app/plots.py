@@ -1,4 +1,4 @@
-"""Time series for uPlot: fixed ranges, raw values as dots, bands for sigma and failures, `now` as a spike.
+"""Time series for uPlot: fixed ranges, raw values as dots, bands for sigma and failures, `now` as a line above.
 
 uPlot bridges NaN by a line, so what may be missing is drawn as dots, and lines are only drawn through what is
 known at every frame.
@@ -6,7 +6,7 @@ known at every frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 
 from app import palette
 
-MAX_COLUMNS = 1200
+MAX_COLUMNS = 1500
+LABEL_PX = 16
+MAX_EDGES = 200
+"""With more of them nobody could see a slope."""
+MARGIN_PX, AXIS_PX, PADDING_PX, TOP_PX = 9.25, 60, 8, 6
+"""Of a plot in its panel: margin, y axis with its label, right padding, top padding."""
 AXIS_INK = "#8b929b"
 GRID_INK = "rgba(139,146,155,0.22)"
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One series: `values` over x; `dots` draws points instead of a line; `hidden` only bounds a band."""
+    """One series: `values` over x; `dots` draws points instead of a line; `hidden` only bounds a band; `step`
+    does not slope between samples at the chart's edges."""
 
     name: str
     values: NDArray[np.float64]
@@ -30,11 +36,13 @@ class Curve:
     hidden: bool = False
     width: float = 1.8
     dash: tuple[float, ...] = ()
+    step: bool = False
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Curves over a common x with fixed ranges. bands: pairs of curve indices with their fill."""
+    """Curves over a common x with fixed ranges. bands: pairs of curve indices with their fill. edges: where
+    curves that are steps jump."""
 
     x: NDArray[np.float64]
     curves: tuple[Curve, ...]
@@ -43,6 +51,7 @@ class Chart:
     y_label: str
     x_label: str = ""
     sync: str = "frames"
+    edges: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
 
 def fixed_range(
@@ -73,11 +82,6 @@ def unbridged(values: NDArray[np.float64], low: float) -> NDArray[np.float64]:
     return out
 
 
-def below(y_range: tuple[float, float]) -> float:
-    """A value that is out of sight under the plot."""
-    return y_range[0] - 10.0 * (y_range[1] - y_range[0])
-
-
 def failed_band(failed: NDArray[np.bool_], y_range: tuple[float, float]) -> tuple[NDArray, NDArray]:
     """Upper and lower edge of a band that covers the whole height where `failed`."""
     low, high = y_range
@@ -92,31 +96,52 @@ def thinned(x: NDArray[np.float64], curves: tuple[Curve, ...]) -> tuple[NDArray[
     return x[::step], [curve.values[::step] for curve in curves]
 
 
-def with_now(
-    x: NDArray[np.float64], columns: list[NDArray], dots: list[bool], now: float, y_range: tuple[float, float]
-) -> tuple[NDArray[np.float64], ...]:
-    """The columns and, as a last one, a narrow spike at `now`, its feet between the samples."""
-    high = y_range[1]
-    low = below(y_range)
-    foot = 0.0012 * max(float(x[-1] - x[0]), 1e-9) if len(x) > 1 else 0.01
-    at = np.array([now - foot, now, now + foot])
-    places = np.searchsorted(x, at)
-    new_x = np.insert(x, places, at)
-    out: list[NDArray[np.float64]] = [new_x]
-    for values, is_dots in zip(columns, dots, strict=True):
-        extra = np.full(3, np.nan) if is_dots else np.interp(at, x, values)
-        out.append(np.insert(values, places, extra))
-    out.append(np.insert(np.full(len(x), low), places, [low, high, low]))
-    return tuple(out)
+def edges(flags: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Where a band over `flags` has to rise and fall, so that it stands upright: half way between samples."""
+    steps = np.flatnonzero(np.diff(flags.astype(np.int8))).astype(np.float64) + 0.5
+    return steps if len(steps) <= MAX_EDGES else steps[:0]
 
 
-def chart_data(chart: Chart, now: float | None) -> tuple[NDArray[np.float64], ...]:
-    """The arrays of uPlot for a chart; without `now` the spike stays flat."""
+def with_edges(
+    x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64], kind: str
+) -> NDArray[np.float64]:
+    """`values` over `x` with two more samples at each place of `at`: a `step` from the sample before to the one
+    after, points of a `line`, or nothing among `dots`."""
+    places = np.repeat(np.searchsorted(x, at), 2)
+    if kind == "step":
+        before = np.searchsorted(x, at)
+        new = np.stack([values[before - 1], values[before]], axis=1).ravel()
+    elif kind == "line":
+        new = np.repeat(np.interp(at, x, values), 2)
+    else:
+        new = np.full(len(places), np.nan)
+    return np.asarray(np.insert(values, places, new), dtype=np.float64)
+
+
+def chart_data(chart: Chart) -> tuple[NDArray[np.float64], ...]:
+    """The arrays of uPlot for a chart."""
     x, columns = thinned(chart.x, chart.curves)
-    dots = [curve.dots for curve in chart.curves]
+    if not len(chart.edges):
+        return (x, *columns)
+    kinds = ["dots" if c.dots else "step" if c.step else "line" for c in chart.curves]
+    columns = [with_edges(x, chart.edges, v, kind) for v, kind in zip(columns, kinds, strict=True)]
+    return (with_edges(x, chart.edges, x, "line"), *columns)
+
+
+def now_line(chart: Chart, now: float | None, height: int) -> str:
+    """HTML of a vertical line at `now` over the plots that follow it, `height` pixels high.
+
+    It moves alone, so that a frame of playback does not send every curve again.
+    """
     if now is None:
-        return (x, *columns, np.full(len(x), below(chart.y_range)))
-    return with_now(x, columns, dots, now, chart.y_range)
+        return "<div></div>"
+    share = (now - chart.x[0]) / max(float(chart.x[-1] - chart.x[0]), 1e-9)
+    left = f"calc({MARGIN_PX + AXIS_PX}px + {share:.5f} * (100% - {2 * MARGIN_PX + AXIS_PX + PADDING_PX}px))"
+    line = f"position:absolute;left:{left};top:{MARGIN_PX + TOP_PX}px;height:{height}px;width:2px;margin-left:-1px"
+    return (
+        '<div style="position:relative;height:0;z-index:3;pointer-events:none">'
+        f'<div style="{line};background:{palette.css(palette.NOW)}"></div></div>'
+    )
 
 
 def chart_options(chart: Chart, height: int, show_x: bool) -> dict[str, Any]:
@@ -133,7 +158,6 @@ def chart_options(chart: Chart, height: int, show_x: bool) -> dict[str, Any]:
         if curve.dash:
             entry["dash"] = curve.dash
         series.append(entry)
-    series.append({"label": "now", "stroke": palette.css(palette.NOW), "width": 2, "points": {"show": False}})
     x_low, x_high = float(chart.x[0]), float(chart.x[-1])
     ink = {"stroke": AXIS_INK, "grid": {"stroke": GRID_INK, "width": 1}, "ticks": {"show": False}}
     font = "11px system-ui, sans-serif"
@@ -154,18 +178,18 @@ def chart_options(chart: Chart, height: int, show_x: bool) -> dict[str, Any]:
             },
             {
                 **ink,
-                "size": 44,
+                "size": AXIS_PX - LABEL_PX,
                 "font": font,
                 "gap": 2,
                 "label": chart.y_label,
-                "labelSize": 16,
+                "labelSize": LABEL_PX,
                 "labelFont": font,
                 "labelGap": 0,
-                "space": 22,
+                "space": 15,
             },
         ),
         "legend": {"show": False},
         "cursor": {"sync": {"key": chart.sync}, "drag": {"x": False, "y": False}, "y": False},
         "height": height,
-        "padding": (6, 8, 2, 0),
+        "padding": (TOP_PX, PADDING_PX, 2, 0),
     }

@@ -118,9 +118,12 @@ class Scene:
             self._plumb.points = np.array([[[0, 0, 0], [0, -extrinsics.height_m, 0]]], np.float32)
             self._label.position = (0.35, -0.5 * extrinsics.height_m, 0.0)
 
-    def show_cloud(self, points: NDArray[np.float32], colors: NDArray[np.uint8], visible: bool) -> None:
+    def show_cloud(
+        self, points: NDArray[np.float32], colors: NDArray[np.uint8], visible: bool, size_m: float
+    ) -> None:
         """The coloured points of the frame, in the camera frame [m]."""
         self._cloud.visible = visible
+        self._cloud.point_size = size_m
         self._cloud.points = points
         self._cloud.colors = colors
 

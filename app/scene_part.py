@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from app import canvas, palette, text
 from app.moment import Moment
 from app.scene import Scene
+from app.viewpoint import FOLLOWING, Viewpoint, overview
 from stereocalib_core.geometry import Extrinsics
 
 if TYPE_CHECKING:
     from app.page import Page
 
 MARKERS = 120
+PLAYING_POINTS, RESTING_POINTS = (3, 0.10), (1, 0.06)
+"""Every how many points, and their size [m]."""
 
 
 class ScenePart:
@@ -26,12 +29,16 @@ class ScenePart:
         self.scene = Scene(page.api, page.session.source.camera, page.name)
         self._shown_paths: tuple[Any, ...] = ()
         self._marked: tuple[int, ...] = ()
+        self._positions: dict[str, NDArray[np.float64]] = {}
 
     def update(self, moment: Moment) -> None:
         """Show the frame."""
         best = moment.best
         if moment.view is not None:
-            self.scene.show_cloud(moment.view.points, moment.view.colors, moment.settings.cloud)
+            # While playing a third of the points is enough to see, and a class on one page can keep up.
+            step, size_m = PLAYING_POINTS if moment.clock.playing else RESTING_POINTS
+            view = moment.view
+            self.scene.show_cloud(view.points[::step], view.colors[::step], moment.settings.cloud, size_m)
             # Three pictures a tick would slow browsers down: while playing, the frustum stays empty.
             self.scene.show_image(None if moment.clock.playing else moment.view.small)
         road = None if best is None else best[0]
@@ -56,6 +63,7 @@ class ScenePart:
         compared = moment.compared
         if compared is not None and compared.poses is not None:
             positions["compared"] = compared.poses[:, :3, 3]
+        self._positions = positions
         colors = {}
         if moment.settings.color_by_error and "autocalibrated" in moment.paths.errors:
             errors = moment.paths.errors["autocalibrated"].miss_m
@@ -83,12 +91,19 @@ class ScenePart:
             if index is not None and index < len(self._marked):
                 page.run_for_client(event, lambda _client: page.playback.seek(self._marked[index]))
 
+    def overview(self) -> Viewpoint:
+        """A viewpoint with every path in sight."""
+        shown = [p for p in self._positions.values() if len(p)]
+        return overview(np.concatenate(shown)) if shown else FOLLOWING
+
     def _caption(self, moment: Moment) -> str:
+        if not moment.settings.follow:
+            return f"frame {moment.frame}"
         best = moment.best
         if best is None:
             return "no road measured" if moment.result is not None else "not computed yet"
         e, origin = best
-        height = text.number(e.height_m, 3, " m")
+        height = f"height {text.number(e.height_m, 3, ' m')}"
         return height if origin == "this pair" else f"{height} ({origin})"
 
     def _T_world_road(self, moment: Moment, extrinsics: Extrinsics | None) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ its pictures may be published.
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 import tempfile
 import time
@@ -15,17 +14,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from app.chromium import FLAGS, find_browser
 from app.hub import Hub
 from app.secure import stop_server
 from app.server import start
 from stereocalib_core.errors import ConfigError
 
-FLAGS = (
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run", "--mute-audio"),
-    *("--disable-component-update", "--disable-sync", "--disable-default-apps", "--disable-dev-shm-usage"),
-)
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 SIZES = ((1600, 900), (1280, 720))
 DRIVE = "synthetic:town?frames=120&fault=night@70-76&fault=knock:pitch=0.5@95"
 SETTLE_S = 2.5
@@ -124,7 +118,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Pictures of the app for the documentation.")
     parser.add_argument("--out", type=Path, default=Path("assets"))
     parser.add_argument("--source", default=DRIVE)
-    parser.add_argument("--browser", default=next((p for n in BROWSERS if (p := shutil.which(n))), None))
+    parser.add_argument("--browser", default=find_browser())
     arguments = parser.parse_args()
     if arguments.browser is None:
         raise ConfigError("no Chromium or Chrome", "screenshots", "install one, or name it with --browser")

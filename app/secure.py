@@ -106,6 +106,8 @@ def _guarded(host: str) -> Iterator[None]:
 
 def create_server(host: str, port: int) -> LocalServer:
     """Start a server; a busy port becomes the next free one (see `get_port()`)."""
+    # Browsers open connections ahead and drop them unused; a traceback for each is no news for anybody.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with _START, _guarded(host):
         return LocalServer(host=host, port=port, label="stereocalib", verbose=False)
 

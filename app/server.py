@@ -2,65 +2,50 @@
 
 from __future__ import annotations
 
-import sys
-import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from app.drive_parts import Limits
 from app.hub import Hub
 from app.library import Library, open_drive
-from app.secure import LOCAL_NAMES, create_server, stop_server
+from app.secure import create_server, stop_server
+from app.until_stopped import until_stopped
 from stereocalib_core.config import PipelineConfig
 
 
-def start(
-    spec: str,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    config: PipelineConfig | None = None,
-    autoplay: bool = False,
-    frames: slice | None = None,
-    rig: Path | None = None,
-    root: Path | None = None,
-) -> Hub:
-    """Start the page and return at once; `hub.server.get_port()` says where.
+@dataclass(frozen=True)
+class Opening:
+    """How a drive is opened.
 
-    root: the folder below which the page may open other drives (default: where the command was started).
+    frames: zero-based, half open, None = from the first, to the last. rig: rig.yaml of an earlier drive.
+    limits: what the mount is judged by. root: the folder below which the page may open other drives (default:
+    where the command was started).
     """
-    config = config or PipelineConfig()
-    wanted = (None, None) if frames is None else (frames.start, frames.stop)
-    session = open_drive(spec, config, wanted, rig)
+
+    frames: tuple[int | None, int | None] = (None, None)
+    rig: Path | None = None
+    limits: Limits = field(default_factory=dict)
+    root: Path | None = None
+    config: PipelineConfig = field(default_factory=PipelineConfig)
+
+
+def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening | None = None) -> Hub:
+    """Start the page and return at once; `hub.server.get_port()` says where."""
+    how = opening or Opening()
+    session = open_drive(spec, how.config, how.frames, how.rig, how.limits)
     server = create_server(host, port)
-    hub = Hub(server, session, Library(root or Path.cwd(), config))
+    hub = Hub(server, session, Library(how.root or Path.cwd(), how.config, how.limits))
     hub.start()
-    if autoplay or spec.startswith("synthetic"):
+    if spec.startswith("synthetic"):
         hub.shared.playback.play()
     return hub
 
 
-def serve(
-    spec: str,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    config: PipelineConfig | None = None,
-    autoplay: bool = False,
-    frames: slice | None = None,
-    rig: Path | None = None,
-    root: Path | None = None,
-) -> None:
+def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening | None = None) -> None:
     """Show a drive in the browser until Ctrl-C (raises KeyboardInterrupt). Prints the page's address when ready."""
-    hub = start(spec, host, port, config, autoplay, frames, rig, root)
-    shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
-    if host not in LOCAL_NAMES:
-        sys.stderr.write(
-            f"stereocalib: warning: the page listens on {host}: whoever reaches this machine can see and "
-            "steer it\n"
-        )
-    sys.stdout.write(f"http://{shown}:{hub.server.get_port()}\n")
-    sys.stdout.flush()
+    hub = start(spec, host, port, opening)
     try:
-        while True:
-            # Short naps: a Ctrl-C just before a long one would only be seen at its end.
-            time.sleep(0.2)
+        until_stopped(hub.server, host)
     finally:
         # Whoever presses Ctrl-C does not wait for the frame in work.
         hub.close(timeout_s=0.2)

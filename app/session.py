@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,14 @@ from numpy.typing import NDArray
 from app.frame_views import FrameViews
 from app.lessons import broken_config
 from app.paths import DrivePaths
+from stereocalib_core.checkpoint import Done
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.pipeline import FrontEnd
+from stereocalib_core.report import build_report
 from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.run import recall
 from stereocalib_core.sources import prefetch
 
 LOG = logging.getLogger(__name__)
@@ -39,7 +43,7 @@ class Snapshot:
     """What is known of a drive at some moment; `version` grows with every change.
 
     results: of frames 0, 1, ... as far as computed. analysis, paths: of the first `analysed` of them, or None.
-    problem: why the computation stopped early, or empty.
+    report: what report.json would say of those. problem: why the computation stopped early, or empty.
     """
 
     total: int
@@ -47,6 +51,7 @@ class Snapshot:
     analysis: DriveAnalysis | None = None
     paths: DrivePaths | None = None
     analysed: int = 0
+    report: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     done: bool = False
     problem: str = ""
     frames_per_second: float = 0.0
@@ -67,7 +72,12 @@ class Snapshot:
 
 
 class Session:
-    """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable."""
+    """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable.
+
+    spec: the SOURCE that `run` would be given. run: the earlier run that was opened, or None.
+    finished: frames 0, 1, ... that need not be computed again. tracks: whether `finished` holds their tracks,
+    without which no path can be computed anew.
+    """
 
     def __init__(
         self,
@@ -76,20 +86,20 @@ class Session:
         *,
         spec: str = "",
         analyse: Analyse | None = None,
-        finished: Sequence[FrameResult] = (),
+        finished: Sequence[Done] = (),
         rig: Path | None = None,
         frames: tuple[int, int] | None = None,
-        saved: bool = False,
+        run: Path | None = None,
+        tracks: bool = True,
     ) -> None:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
-        self.frames, self.saved = frames, saved
-        self.autoplay = not saved
+        self.frames, self.run, self.tracks = frames, run, tracks
         self._analyse = analyse
         self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
         self._views: dict[str, FrameViews] = {}
         self.views = self.views_with("")
         self._snapshot = Snapshot(total=len(source))
-        self._finished = tuple(finished)
+        self._done = list(finished)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="front end", daemon=True)
 
@@ -102,6 +112,10 @@ class Session:
     def camera(self) -> Any:
         """The camera of the source."""
         return self.source.camera
+
+    def done_before(self, frame: int) -> list[Done]:
+        """The computed frames before `frame`, for another session of the same pictures."""
+        return self._done[:frame]
 
     def views_with(self, broken_stage: str) -> FrameViews:
         """The views of the drive, or of what a broken stage makes of it."""
@@ -117,6 +131,8 @@ class Session:
     def close(self, timeout_s: float = 10.0) -> None:
         """Stop computing after the frame in work, and wait for that at most `timeout_s`."""
         self._stop.set()
+        for views in self._views.values():
+            views.close()
         if self._thread.is_alive():
             self._thread.join(timeout=timeout_s)
 
@@ -129,17 +145,21 @@ class Session:
         self._snapshot = replace(self._snapshot, version=self._snapshot.version + 1, **changes)
 
     def _run(self) -> None:
-        started = time.monotonic()
-        results: list[FrameResult] = list(self._finished)
+        started, known = time.monotonic(), len(self._done)
+        results = [done.result for done in self._done]
         next_analysis = started + FIRST_ANALYSIS_S
         try:
-            for frame in prefetch(self.source, len(results), len(self.source)):
+            if 0 < known < len(self.source):
+                self._publish(results=tuple(results))
+                self._update_analysis(results)
+                recall(self._front_end, self.source, self._done)
+            for frame in prefetch(self.source, known, len(self.source)):
                 if self._stop.is_set():
                     return
                 results.append(self._front_end.step(frame))
+                self._done.append(Done(results[-1], self._front_end.memory, 0.0))
                 elapsed = max(time.monotonic() - started, 1e-6)
-                rate = (len(results) - len(self._finished)) / elapsed
-                self._publish(results=tuple(results), frames_per_second=rate)
+                self._publish(results=tuple(results), frames_per_second=(len(results) - known) / elapsed)
                 if time.monotonic() >= next_analysis and len(results) >= FIRST_FRAMES:
                     spent = self._update_analysis(results)
                     pause = min(max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE), LONGEST_WAIT_S)
@@ -155,12 +175,20 @@ class Session:
                 # Whatever it was is on the terminal; the page must not wait for ever.
                 self._publish(problem="the computation stopped unexpectedly: see the terminal", done=True)
 
+    def _report(self, results: Sequence[FrameResult], analysis: DriveAnalysis | None) -> Mapping[str, Any]:
+        if self.run is not None and analysis is not None:
+            return analysis.report
+        rate = self._snapshot.frames_per_second
+        elapsed_s = len(results) / rate if rate > 0 else 0.0
+        return build_report(self.spec, self.config.method, results, analysis, elapsed_s)
+
     def _update_analysis(self, results: Sequence[FrameResult]) -> float:
         """Recompute what needs the whole drive; returns the seconds spent."""
         begin = time.monotonic()
         if results:
             analysis = None if self._analyse is None else self._analyse(tuple(results))
-            # An earlier run holds no tracks: its path is the one that it wrote.
-            paths = None if self.saved else DrivePaths(self.source.camera, results, analysis)
-            self._publish(analysis=analysis, paths=paths, analysed=len(results))
+            paths = DrivePaths(self.source.camera, results, analysis) if self.tracks else None
+            self._publish(
+                analysis=analysis, paths=paths, analysed=len(results), report=self._report(results, analysis)
+            )
         return time.monotonic() - begin

@@ -34,8 +34,8 @@ class CorrectionsPanel:
         self._strength: dict[str, Any] = {}
         self._error: dict[str, Any] = {}
         words = "How much of each estimate the odometry uses, and an error put in on purpose."
-        if page.session.saved:
-            words = "An earlier run holds no tracks to correct. Open the drive itself to try corrections."
+        if not page.session.tracks:
+            words = "This run holds no tracks to correct. Open the drive itself to try corrections."
         gui.add_markdown(words)
         for axis in AXES:
             unit, limit, step = (

@@ -6,6 +6,7 @@ import html
 from typing import TYPE_CHECKING, Any
 
 from app import palette, text
+from app.card import shift_words
 from app.moment import Moment
 from app.panels.faults import FaultsPanel
 from app.remedies import REMEDIES
@@ -93,14 +94,19 @@ def failure_options(snapshot: Snapshot) -> tuple[str, ...]:
 
 def shift_options(snapshot: Snapshot) -> tuple[str, ...]:
     """One entry per shift of the mount."""
-    shifts = [] if snapshot.analysis is None else snapshot.analysis.report.get("shifts") or []
-    return tuple(f"{s['frame']} · {s['axis']} {s['size']:+.3g} {s['unit']} ({s['kind']})" for s in shifts)
+    shifts = snapshot.report.get("shifts") or []
+    return tuple(f"{s['frame']} · {shift_words(s).partition(' at frame')[0]}" for s in shifts)
 
 
 def frame_of(option: str) -> int | None:
     """The frame that an entry leads to."""
     head = option.split()[0]
-    return int(head) if head.isdigit() else None
+    return int(head) if head.isdigit() and "found:" not in option else None
+
+
+def list_head(count: int) -> str:
+    """The first entry of a list, which leads nowhere."""
+    return "none" if count == 0 else f"{count} found: choose one to go there"
 
 
 class DebugPanel:
@@ -111,10 +117,10 @@ class DebugPanel:
         self._page = page
         self._verdict = gui.add_markdown("")
         self._failures = gui.add_dropdown(
-            "Failures", (NOWHERE,), hint="All failed frames with their reason. Choose one to go there."
+            "Failures", (list_head(0),), hint="All failed frames with their reason. Choose one to go there."
         )
         self._shifts = gui.add_dropdown(
-            "Shifts", (NOWHERE,), hint="Where the mount moved. Choose one to go there."
+            "Shifts", (list_head(0),), hint="Where the mount moved. Choose one to go there."
         )
         self._jump = gui.add_button_group("", ("◀ failure", "failure ▶"))
         self._checks = gui.add_html("")
@@ -144,6 +150,6 @@ class DebugPanel:
                 (self._failures, failure_options(moment.snapshot)),
                 (self._shifts, shift_options(moment.snapshot)),
             ):
-                wanted = (NOWHERE, *options)
+                wanted = (list_head(len(options)), *options)
                 if tuple(handle.options) != wanted:
                     handle.options = wanted

@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 NAMES = tuple(name for name in palette.VARIANT if name != "ground_truth")
 PLOT_PX = 110
+NOW_PX = 2 * PLOT_PX - 20
 
 
-def error_charts(moment: Moment | None) -> tuple[list[Chart], float | None]:
-    """Position and heading error over distance for every shown path, and where `now` is."""
+def error_charts(moment: Moment | None) -> list[Chart]:
+    """Position and heading error over distance for every shown path."""
     errors = {} if moment is None else dict(moment.paths.errors)
     hidden = {} if moment is None else moment.settings.paths
     known = {n: e for n, e in errors.items() if e.distance_m is not None and hidden.get(n, True)}
@@ -26,7 +27,7 @@ def error_charts(moment: Moment | None) -> tuple[list[Chart], float | None]:
         x = np.array([0.0, 1.0])
         empty = tuple(Curve(palette.VARIANT_NAME[n], np.full(2, np.nan), palette.VARIANT[n]) for n in NAMES)
         labels = ("error m", "heading °")
-        return [Chart(x, empty, (), (0.0, 1.0), label, "distance m", "metres") for label in labels], None
+        return [Chart(x, empty, (), (0.0, 1.0), label, "distance m", "metres") for label in labels]
     x = np.asarray(next(iter(known.values())).distance_m, dtype=np.float64)
     charts = []
     for label, pick in (("error m", "miss_m"), ("heading °", "heading_deg")):
@@ -41,8 +42,7 @@ def error_charts(moment: Moment | None) -> tuple[list[Chart], float | None]:
         top = max(0.5, 1.08 * float(np.nanmax(np.abs(every))))
         low = 0.0 if pick == "miss_m" else -top
         charts.append(Chart(x, tuple(curves), (), (low, top), label, "distance m", "metres"))
-    now = float(x[min(moment.frame, len(x) - 1)]) if moment is not None else None
-    return charts, now
+    return charts
 
 
 class ErrorsPanel:
@@ -51,13 +51,14 @@ class ErrorsPanel:
     def __init__(self, page: Page) -> None:
         gui = page.gui
         self._note = gui.add_markdown("")
-        charts, _ = error_charts(None)
+        charts = error_charts(None)
+        self._now = gui.add_html("<div></div>")
         self._plots: list[Any] = [
-            gui.add_uplot(plots.chart_data(chart, None), **plots.chart_options(chart, PLOT_PX, show_x=True))
+            gui.add_uplot(plots.chart_data(chart), **plots.chart_options(chart, PLOT_PX, show_x=True))
             for chart in charts
         ]
         self._charts = charts
-        self._now: float | None = None
+        self._shown: tuple[object, ...] = ()
 
     def update(self, moment: Moment) -> None:
         """Redraw where paths or the frame changed."""
@@ -76,10 +77,22 @@ class ErrorsPanel:
             "Distance from the truth, and error of heading, over metres travelled; laid together at the first "
             f'frame.\n\n<span style="font-size:0.85em">{marks}</span>'
         )
-        charts, now = error_charts(moment)
+        shown = (moment.paths, moment.settings.paths)
+        if len(self._shown) != len(shown) or any(a is not b for a, b in zip(shown, self._shown, strict=True)):
+            self._redraw(moment)
+            self._shown = shown
+        self._now.content = plots.now_line(self._charts[0], where(moment, self._charts[0]), NOW_PX)
+
+    def _redraw(self, moment: Moment) -> None:
+        charts = error_charts(moment)
         for plot, chart, old in zip(self._plots, charts, self._charts, strict=True):
             options = plots.chart_options(chart, PLOT_PX, show_x=True)
             if chart.y_range != old.y_range or (chart.x[0], chart.x[-1]) != (old.x[0], old.x[-1]):
                 plot.scales = options["scales"]
-            plot.data = plots.chart_data(chart, now)
+            plot.data = plots.chart_data(chart)
         self._charts = charts
+
+
+def where(moment: Moment, chart: Chart) -> float | None:
+    """The distance travelled at the frame on show, None past the end of the charts."""
+    return float(chart.x[moment.frame]) if moment.frame < len(chart.x) > 2 else None

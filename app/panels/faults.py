@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.moment import Moment
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.synthetic.faults import parse_fault
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -49,6 +50,13 @@ def faults_of(spec: str) -> list[str]:
     return [part[6:] for part in spec.partition("?")[2].split("&") if part.startswith("fault=")]
 
 
+def same_before(faults: list[str]) -> int:
+    """The first frame that any of these faults changes."""
+    found = [parse_fault(fault) for fault in faults]
+    # A ramp is built into the road, and seen long before it is reached.
+    return min((0 if fault.kind == "ramp" else fault.first for fault in found), default=0)
+
+
 class FaultsPanel:
     """A folder of Debug, for synthetic drives only."""
 
@@ -65,14 +73,22 @@ class FaultsPanel:
 
     def _press(self, button: str) -> None:
         page = self._page
-        frame = page.playback.state.frame
+        spec, frame, first = page.session.spec, page.playback.state.frame, self._first_frame()
         if button == "All off":
-            page.hub.reopen(page, without_faults(page.session.spec), frame)
-            return
-        length = int(self._length.value)
-        last = None if length <= 0 else frame + length - 1
-        fault = fault_words(self._kind.value, self._axis.value, float(self._size.value), frame, last)
-        page.hub.reopen(page, with_fault(page.session.spec, fault), frame)
+            wanted, changed = without_faults(spec), faults_of(spec)
+        else:
+            length = int(self._length.value)
+            last = None if length <= 0 else first + frame + length - 1
+            fault = fault_words(
+                self._kind.value, self._axis.value, float(self._size.value), first + frame, last
+            )
+            wanted, changed = with_fault(spec, fault), [fault.removeprefix("fault=")]
+        page.hub.reopen(page, wanted, frame, max(0, same_before(changed) - first))
+
+    def _first_frame(self) -> int:
+        """The drive's number of the page's frame 0."""
+        frames = self._page.session.frames
+        return 0 if frames is None else frames[0]
 
     def update(self, moment: Moment) -> None:
         """Name the faults that are on."""

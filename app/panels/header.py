@@ -14,20 +14,34 @@ from app.panels.inspect import InspectPanel
 from app.panels.opener import OpenPanel
 from app.panels.path import PathPanel
 from app.panels.teach import TeachPanel
+from app.session import Session
 from app.settings import PRESETS
+from app.style import chosen, style_sheet
 
 if TYPE_CHECKING:
     from app.page import Page
 
 
+def drive_title(session: Session) -> str:
+    """The drive's name, then in small print what is special about it. Markdown."""
+    name, _, options = session.source.name.partition("?")
+    facts = [f"{len(session.source)} frames", f"{session.config.method} method"]
+    if session.run is not None:
+        facts.append(f"run {session.run.name}")
+    if session.frames is not None:
+        first, end = session.frames
+        facts.append(f"frames {first} to {end - 1} of the recording")
+    facts += [part.removeprefix("fault=") for part in options.split("&") if part.startswith("fault=")]
+    small = text.escape(" · ".join(facts), 160)
+    return f'**{text.escape(name, 60)}** <span style="font-size:0.9em;opacity:0.8">{small}</span>'
+
+
 def drive_line(moment: Moment) -> str:
     """What is open and how it went so far."""
-    snapshot, source = moment.snapshot, moment.session.source
+    snapshot = moment.snapshot
     failed = len(snapshot.failures())
     ok = len(snapshot.results) - failed
-    title = (
-        f"**{text.escape(source.name, 60)}** · {len(source)} frames · method {moment.session.config.method}"
-    )
+    title = drive_title(moment.session)
     if snapshot.problem:
         return f"{title}\n\n⚠ {text.escape(snapshot.problem)}"
     if snapshot.done:
@@ -45,6 +59,8 @@ class HeaderPanel:
         self._page = page
         self._drive = page.add_root(gui.add_markdown(""))
         self._progress = page.add_root(gui.add_progress_bar(0.0))
+        page.add_root(gui.add_html(style_sheet(len(PRESETS))))
+        self._chosen = page.add_root(gui.add_html(chosen(0)))
         self._preset = page.add_root(
             gui.add_button_group(
                 "View", PRESETS, hint="Inspect a drive, teach the method, or find out why a frame failed."
@@ -82,6 +98,7 @@ class HeaderPanel:
         self._drive.content = drive_line(moment) + own
         self._progress.value = 100.0 * moment.snapshot.progress
         self._progress.visible = not moment.snapshot.done
+        self._chosen.content = chosen(PRESETS.index(moment.settings.preset))
         for name, folder in self._guides.items():
             folder.visible = name == moment.settings.preset
         for part in self._parts:

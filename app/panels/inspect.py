@@ -1,13 +1,14 @@
-"""Inspect: the answer first, then the numbers of the frame."""
+"""Inspect: the answer first, then the numbers of the frame and of the drive."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.card import card_markdown, card_text
+from app.card import card_html, card_text
 from app.copy_button import copy_button
 from app.moment import Moment
 from app.panels.timeline import now_table
+from app.summary import drive_summary
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -18,16 +19,17 @@ class InspectPanel:
 
     def __init__(self, page: Page) -> None:
         gui = page.gui
-        self._card = gui.add_markdown("")
+        self._card = gui.add_html("")
         self._copy = gui.add_html("")
-        self._now = gui.add_markdown("")
-        self._notices = gui.add_markdown("")
+        self._now = gui.add_html("")
+        self._drive = gui.add_html("")
 
     def update(self, moment: Moment) -> None:
-        """Show the card and the frame's numbers."""
+        """Show the card, the frame's numbers and the drive's."""
         if moment.drive_changed:
-            self._card.content = card_markdown(moment.snapshot)
+            self._card.content = card_html(moment.snapshot)
             self._copy.content = copy_button(
                 "Copy the card", card_text(moment.session.source.name, moment.snapshot)
             )
-        self._now.content = f"**Frame {moment.frame}**\n\n" + now_table(moment)
+            self._drive.content = drive_summary(moment.snapshot, moment.paths)
+        self._now.content = now_table(moment)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from typing import TYPE_CHECKING, Any
 
 from app import exports, text
 from app.moment import Moment
+from app.summary import difference_table
+from app.tables import note
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.io import SavedRun
 
@@ -34,10 +35,13 @@ class OpenPanel:
             mime_type=".zip,application/zip",
             hint="A plain folder or KITTI sequence, at most 200 MB.",
         )
-        self._compare = gui.add_text("Compare with", "", hint="The output folder of an earlier run.")
-        self._lay = gui.add_button("Compare side by side")
-        self._difference = gui.add_html("")
         self._state = gui.add_markdown("")
+        with gui.add_folder("Compare with an earlier run"):
+            self._compare = gui.add_text(
+                "Run", "", hint="The output folder of an earlier run; empty takes it away."
+            )
+            self._lay = gui.add_button("Compare side by side")
+            self._difference = gui.add_html("")
         self._compared: SavedRun | None = None
         self._done = False
         page.on_click(self._open, lambda _: page.hub.open(page, self._path.value))
@@ -62,7 +66,8 @@ class OpenPanel:
 
     def _compare_html(self, moment: Moment, other: SavedRun) -> str:
         try:
-            lines = exports.difference(moment.session, moment.snapshot, moment.settings, other.folder)
+            return difference_table(
+                exports.difference(moment.session, moment.snapshot, moment.settings, other.folder)
+            )
         except StereoCalibError as error:
-            lines = str(error)
-        return f'<pre style="font-size:0.72em;overflow-x:auto;padding:0 0.6em">{html.escape(lines)}</pre>'
+            return note(str(error))

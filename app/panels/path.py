@@ -6,8 +6,9 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from app import palette, text
+from app import palette
 from app.moment import Moment
+from app.summary import path_table
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -26,32 +27,27 @@ class PathPanel:
             if n != "ground_truth" or (truth is not None and truth.poses is not None)
         ]
         self._shown: dict[str, Any] = {}
-        gui.add_markdown(
-            "&nbsp; ".join(
-                f'<span style="color:{palette.css(palette.VARIANT[n])}">▬</span> {palette.VARIANT_NAME[n]}'
-                for n in names
-            )
-        )
-        for name in names:
-            self._shown[name] = gui.add_checkbox(
-                palette.VARIANT_NAME[name], True, hint="Show or hide this path."
-            )
-            page.on_input(self._shown[name], partial(self._show, name))
+        self._table = gui.add_html("")
         self._follow = gui.add_checkbox(
-            "Follow the car", True, hint="Keep the car in view; off shows the whole drive."
+            "Follow the car", True, hint="Keep the car in view; off shows the whole drive from above."
         )
         self._cloud = gui.add_checkbox("Point cloud", True, hint="The coloured points of this pair.")
         self._markers = gui.add_checkbox(
             "Pose markers", False, hint="A click on a marker goes to its frame. Slow without a graphics card."
         )
-        page.on_input(self._markers, lambda value: page.change(markers=value))
         self._error = gui.add_checkbox(
             "Colour by error", False, hint="Colours the autocalibrated path by its distance from the truth."
         )
-        page.on_input(self._follow, lambda value: page.change(follow=value))
+        page.on_input(self._follow, page.set_follow)
         page.on_input(self._cloud, lambda value: page.change(cloud=value))
+        page.on_input(self._markers, lambda value: page.change(markers=value))
         page.on_input(self._error, lambda value: page.change(color_by_error=value))
-        self._table = gui.add_markdown("")
+        with gui.add_folder("Paths on show"):
+            for name in names:
+                self._shown[name] = gui.add_checkbox(
+                    palette.VARIANT_NAME[name], True, hint="Show or hide this path."
+                )
+                page.on_input(self._shown[name], partial(self._show, name))
 
     def _show(self, name: str, value: bool) -> None:
         self._page.change(paths=MappingProxyType({**self._page.settings.paths, name: value}))
@@ -65,23 +61,4 @@ class PathPanel:
             for name, handle in self._shown.items():
                 handle.value = moment.settings.paths.get(name, True)
         if moment.drive_changed or moment.settings_changed:
-            self._table.content = self._errors(moment)
-
-    def _errors(self, moment: Moment) -> str:
-        errors = moment.paths.errors
-        if not errors:
-            return "The paths appear as soon as some frames are computed."
-        rows = []
-        for name, found in errors.items():
-            summary, color = found.summary, palette.css(palette.VARIANT[name])
-            percent = text.number(summary.final_translation_percent, 2, " %")
-            final = text.number(summary.final_translation_m, 2, " m")
-            rows.append(
-                [
-                    f'<span style="color:{color}">▬</span> {palette.VARIANT_NAME[name]}',
-                    text.number(summary.path_m, 1, " m"),
-                    final if percent == "–" else f"{final} ({percent})",
-                    text.number(summary.final_rotation_deg, 2, "°"),
-                ]
-            )
-        return text.table(["path", "length", "final error", "heading"], rows)
+            self._table.content = path_table(moment.paths)

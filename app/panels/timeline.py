@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from app.moment import Moment
 from app.panels.errors import ErrorsPanel
 from app.plots import Chart, Curve
 from app.session import Snapshot
+from app.tables import numbers_table
+from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.io import SavedRun
 
 if TYPE_CHECKING:
@@ -21,9 +24,12 @@ UNITS = (" m", "°", "°")
 DIGITS = (3, 3, 3)
 LEAST_SPAN = (0.12, 0.4, 0.4)
 TRANSPORT = ("◀ failure", "◀ step", "play", "step ▶", "failure ▶")
+TRANSPORT_PLAYING = tuple("pause" if name == "play" else name for name in TRANSPORT)
 SPEEDS = ("¼×", "½×", "1×", "2×", "4×")
 SPEED_OF = dict(zip(SPEEDS, (0.25, 0.5, 1.0, 2.0, 4.0), strict=True))
 PLOT_PX = 58
+NOW_PX = 3 * PLOT_PX - 4
+"""Height of the line at `now`, over all three plots."""
 
 
 def axis_values(values: np.ndarray) -> np.ndarray:
@@ -85,8 +91,8 @@ def extrinsics_charts(
         held = plots.unbridged(filtered[:, axis], low)
         top, bottom = plots.failed_band(failed, y_range)
         curves = [
-            Curve("failed", top, palette.FAILED, hidden=True),
-            Curve("", bottom, palette.FAILED, hidden=True),
+            Curve("failed", top, palette.FAILED, hidden=True, step=True),
+            Curve("", bottom, palette.FAILED, hidden=True, step=True),
             Curve("+σ", held + sigma[:, axis], palette.FILTERED, hidden=True),
             Curve("−σ", held - sigma[:, axis], palette.FILTERED, hidden=True),
             Curve("this pair", raw[:, axis], palette.RAW, dots=True),
@@ -98,12 +104,13 @@ def extrinsics_charts(
             shown[: len(truth)] = axis_values(truth[:, :3])[: len(x), axis]
             curves.append(Curve("truth", plots.unbridged(shown, low), palette.TRUTH, dash=(4, 4)))
         bands = ((0, 1, palette.css(palette.FAILED, 0.30)), (2, 3, palette.css(palette.FILTERED, 0.28)))
-        charts.append(Chart(x, tuple(curves), bands, y_range, f"{name} {UNITS[axis].strip()}"))
+        label = f"{name} {UNITS[axis].strip()}"
+        charts.append(Chart(x, tuple(curves), bands, y_range, label, edges=plots.edges(failed)))
     return charts
 
 
 def legend_line(with_truth: bool, with_compared: bool = False) -> str:
-    """The legend of the charts as one line of Markdown."""
+    """The legend of the charts as HTML."""
 
     def mark(symbol: str, color: palette.Rgb, name: str) -> str:
         return f'<span style="color:{palette.css(color)}">{symbol}</span> {name}'
@@ -118,35 +125,34 @@ def legend_line(with_truth: bool, with_compared: bool = False) -> str:
         parts.insert(2, mark("┅", palette.COMPARED, "other run"))
     if with_truth:
         parts.insert(2, mark("┅", palette.TRUTH, "truth"))
-    return f'<span style="font-size:0.85em">{" &nbsp; ".join(parts)}</span>'
+    return f'<span style="font-size:0.85em;white-space:nowrap">{" &nbsp; ".join(parts)}</span>'
 
 
 def now_table(moment: Moment) -> str:
-    """The frame's numbers: this pair and filtered, with sigma."""
+    """The frame's numbers as HTML: this pair and filtered, with sigma."""
     result, filtered = moment.result, moment.filtered
-    rows = []
-    for axis, name in enumerate(AXES):
-        pair = smooth = "–"
-        if result is not None and result.road is not None:
-            e, s = result.road.extrinsics, result.road.sigma
-            value = (e.height_m, e.pitch_deg, e.roll_deg)[axis]
-            pair = text.with_sigma(
-                value, s[axis] if axis == 0 else np.rad2deg(s[axis]), DIGITS[axis], UNITS[axis]
-            )
-        if filtered is not None:
-            e, s, state = filtered
-            value = (e.height_m, e.pitch_deg, e.roll_deg)[axis]
-            smooth = text.with_sigma(
-                value, s[axis] if axis == 0 else np.rad2deg(s[axis]), DIGITS[axis], UNITS[axis]
-            )
-            if state == "predicted":
-                smooth = f"*{smooth} (predicted)*"
-        rows.append([f"**{name}**", pair, smooth])
-    return text.table(["", "this pair", "filtered"], rows)
+    pair: tuple[str, ...] = ("–",) * 3
+    smooth = pair
+    if result is not None and result.road is not None:
+        pair = _with_sigma(result.road.extrinsics, result.road.sigma)
+    state = "filtered"
+    if filtered is not None:
+        smooth = _with_sigma(*filtered[:2])
+        state = "predicted" if filtered[2] == "predicted" else state
+    rows = list(zip(AXES, pair, smooth, strict=True))
+    return numbers_table(f"Frame {moment.frame}", ("", "this pair", state), rows)
 
 
-def headline(moment: Moment) -> str:
-    """One line: where we are and how the frame fared."""
+def _with_sigma(e: Extrinsics, sigma: np.ndarray) -> tuple[str, ...]:
+    """Height, pitch and roll, each with its sigma."""
+    values = zip((e.height_m, e.pitch_deg, e.roll_deg), axis_values(sigma[None])[0], strict=True)
+    return tuple(
+        text.with_sigma(value, s, DIGITS[axis], UNITS[axis]) for axis, (value, s) in enumerate(values)
+    )
+
+
+def headline(moment: Moment, legend: str) -> str:
+    """One line of HTML: where we are, how the frame fared, and the legend of the charts."""
     total = moment.snapshot.total
     result = moment.result
     time_s = float(moment.session.source.timestamps_s[moment.frame]) if total else 0.0
@@ -156,9 +162,16 @@ def headline(moment: Moment) -> str:
         state = "ok"
     else:
         color = palette.css(palette.FAILED)
-        state = f'<span style="color:{color}">**failed: {text.escape(result.reason)}**</span>'
+        state = f'<b style="color:{color}">failed: {html.escape(result.reason)}</b>'
     playing = "▶" if moment.clock.playing else "❚❚"
-    return f"{playing} **Frame {moment.frame}** of {max(0, total - 1)} · {time_s:.2f} s · {state}"
+    where = f"{playing} <b>Frame {moment.frame}</b> of {max(0, total - 1)} · {time_s:.2f} s · {state}"
+    return f'<p style="{HEADLINE}"><span style="white-space:nowrap">{where}</span>{legend}</p>'
+
+
+HEADLINE = (
+    "display:flex;flex-wrap:wrap;justify-content:space-between;gap:0 1em;margin:0.1em 0.8em 0.3em;"
+    "font-size:0.875em;line-height:1.5"
+)
 
 
 class TimelinePanel:
@@ -174,15 +187,16 @@ class TimelinePanel:
         truth = page.session.source.ground_truth
         self._truth = None if truth is None else truth.extrinsics
         with self.panel.add_tab("Time line"):
-            self._headline = gui.add_markdown("")
+            self._headline = gui.add_html("")
             self._slider = gui.add_slider(
                 "Frame", 0, max(1, clock.total - 1), 1, 0, hint="Drag, or type an exact frame number."
             )
             self._transport = gui.add_button_group(
-                "", TRANSPORT, hint="Previous failure, step back, play or pause, step on, next failure."
+                "",
+                TRANSPORT,
+                hint="Previous failure, step back, play or pause, step on, next failure.",
             )
             self._plots = self._add_plots(gui)
-            self._legend = gui.add_markdown(legend_line(self._truth is not None))
         with self.panel.add_tab("Path errors"):
             self._errors = ErrorsPanel(page)
         with self.panel.add_tab("Playback"):
@@ -204,9 +218,10 @@ class TimelinePanel:
     def _add_plots(self, gui: Any) -> list[Any]:
         self._charts = extrinsics_charts(self._page.session.snapshot, self._truth, None)
         self._ranges = [chart.y_range for chart in self._charts]
+        self._now = gui.add_html(plots.now_line(self._charts[0], 0.0, NOW_PX))
         return [
             gui.add_uplot(
-                plots.chart_data(chart, 0.0),
+                plots.chart_data(chart),
                 **plots.chart_options(chart, PLOT_PX + (18 if axis == 2 else 0), show_x=axis == 2),
             )
             for axis, chart in enumerate(self._charts)
@@ -218,7 +233,7 @@ class TimelinePanel:
             clock.seek_failure(-1)
         elif value == TRANSPORT[1]:
             clock.step(-1)
-        elif value == TRANSPORT[2]:
+        elif value in ("play", "pause"):
             clock.toggle()
         elif value == TRANSPORT[3]:
             clock.step(1)
@@ -227,18 +242,22 @@ class TimelinePanel:
 
     def update(self, moment: Moment) -> None:
         """Move `now`, and redraw the curves where the drive changed."""
-        self._headline.content = headline(moment)
+        legend = legend_line(self._truth is not None, moment.compared is not None)
+        self._headline.content = headline(moment, legend)
+        transport = TRANSPORT_PLAYING if moment.clock.playing else TRANSPORT
+        if self._transport.options != transport:
+            self._transport.options = transport
         self._slider.value = moment.frame
         self._loop.value = moment.clock.loop
         self._pause.value = moment.clock.pause_on_failure
         if moment.drive_changed or moment.compared is not self._compared:
             self._compared = moment.compared
-            self._legend.content = legend_line(self._truth is not None, moment.compared is not None)
             self._charts = extrinsics_charts(moment.snapshot, self._truth, self._ranges, moment.compared)
             for plot, chart, old in zip(self._plots, self._charts, self._ranges or [], strict=False):
                 if chart.y_range != old:
                     plot.scales = plots.chart_options(chart, PLOT_PX, False)["scales"]
             self._ranges = [chart.y_range for chart in self._charts]
-        for plot, chart in zip(self._plots, self._charts, strict=True):
-            plot.data = plots.chart_data(chart, float(moment.frame))
+            for plot, chart in zip(self._plots, self._charts, strict=True):
+                plot.data = plots.chart_data(chart)
+        self._now.content = plots.now_line(self._charts[0], float(moment.frame), NOW_PX)
         self._errors.update(moment)

@@ -1,4 +1,4 @@
-"""The pictures: the left image with the road on it, and the stages of the method."""
+"""The picture: the left image with the road on it, and the stages of the method below."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ if TYPE_CHECKING:
     from app.page import Page
 
 EXPLAIN = {
-    "all stages": "Every stage of one stereo pair, from matching to the free map.",
+    "all stages": "One stereo pair, stage by stage. Orange stands upright, blue is free, green agrees with the "
+    "fitted road; the yellow line is the road's profile.",
     "disparity": "How far each pixel moves between the two images. Near is bright; dark has no match.",
     "u-disparity": "Each column counts how often a disparity occurs. What stands upright keeps one disparity "
-    "over many rows and piles up (orange); the road spreads evenly (blue).",
+    "over many rows and piles up (orange, rejected); the road spreads evenly (blue, accepted).",
     "free map": "What is left after the upright things are taken out. Green agrees with the fitted road.",
     "v-disparity": "Each row counts how often a disparity occurs in the free map. A flat road is a straight "
-    "line: its slope gives the height, where it meets disparity 0 the pitch.",
+    "line (yellow, with its σ): its slope gives the height, where it meets disparity 0 the pitch. Green cells agree "
+    "with it, blue ones are free but do not, orange ones were rejected as upright.",
 }
 
 
@@ -38,8 +40,7 @@ class ViewsPanel:
         self.panel = page.add_panel()
         blank = np.full((8, WIDTH_PX, 3), 24, np.uint8)
         with self.panel.add_tab("Views"):
-            self._left = gui.add_image(blank, format="jpeg")
-            self._stages = gui.add_image(blank, format="jpeg")
+            self._picture = gui.add_image(blank, format="jpeg")
             self._layout = gui.add_dropdown(
                 "Show", LAYOUTS, initial_value="all stages", hint="One stage large, or all of them."
             )
@@ -52,5 +53,4 @@ class ViewsPanel:
             self._layout.value = moment.settings.layout
             self._explain.content = EXPLAIN[moment.settings.layout]
         if moment.view is not None:
-            set_jpeg(self._left, moment.view.left_jpeg)
-            set_jpeg(self._stages, moment.view.stages_jpeg)
+            set_jpeg(self._picture, moment.view.jpeg)

@@ -11,14 +11,9 @@ from typing import Any
 import pytest
 
 from app import server as app_server
+from app.chromium import FLAGS
 from app.hub import Hub
 from app.secure import stop_server
-
-FLAGS = (
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run", "--mute-audio"),
-    *("--disable-component-update", "--disable-sync", "--disable-default-apps", "--disable-dev-shm-usage"),
-)
 
 
 def until(condition: Callable[[], Any], timeout_s: float = 60.0, what: str = "condition") -> Any:
@@ -39,9 +34,56 @@ def shown_frame(page: Any) -> int:
     return int(found.group(1)) if found else -1
 
 
+def tab(page: Any, name: str) -> None:
+    # Software rendering makes frames slow: not waiting for two equal ones saves seconds a click.
+    page.get_by_role("tab", name=name, exact=True).click(force=True)
+
+
+def press(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click(force=True)
+
+
+def own_box(page: Any, label: str) -> Any:
+    """A checkbox of the folder that belongs to this browser, which is opened where it is shut."""
+    box = page.get_by_label(label)
+    if not box.is_visible():
+        page.get_by_text("This browser").dispatch_event("click")
+        until(box.is_visible, what="folder open")
+    return box
+
+
+def text_entry(page: Any, label: str) -> Any:
+    """The text field behind a label."""
+    row = page.get_by_text(label, exact=True).locator("xpath=ancestor::*[.//input][1]")
+    return row.locator("input").first
+
+
+def slider_entry(page: Any, label: str) -> Any:
+    """The number beside a slider."""
+    row = page.get_by_text(label, exact=True).locator("xpath=ancestor::*[.//input][1]")
+    return row.locator(".mantine-NumberInput-input").first
+
+
+WARM = """() => new Promise(done => { let last = performance.now(), calm = 0; function frame() {
+  const now = performance.now(); calm = now - last < 120 ? calm + 1 : 0; last = now;
+  if (calm > 5) done(true); else requestAnimationFrame(frame); } requestAnimationFrame(frame); })"""
+"""Resolves when the 3-D view has compiled its shaders, which takes seconds without a graphics card."""
+
+
+def warm_page(browser: Any, hub: Hub) -> Any:
+    """The page of a hub in a browser, ready to be clicked."""
+    opened = browser.new_page()
+    opened.goto(f"http://127.0.0.1:{hub.server.get_port()}/")
+    opened.wait_for_selector(".uplot", timeout=60_000)
+    until(lambda: hub.server.get_clients(), what="browser connected")
+    opened.evaluate("() => document.querySelector('.mantine-Notification-closeButton')?.click()")
+    opened.evaluate(WARM)
+    return opened
+
+
 def start_page(spec: str, root: Path, **options: Any) -> Hub:
     """The app on a drive, at a free port."""
-    return app_server.start(spec, port=0, root=root, **options)
+    return app_server.start(spec, port=0, opening=app_server.Opening(root=root, **options))
 
 
 def stop_page(hub: Hub) -> None:
@@ -52,7 +94,7 @@ def stop_page(hub: Hub) -> None:
 @pytest.fixture(scope="session")
 def hub_06(kitti_06: Path, data_dir: Path) -> Iterator[Hub]:
     """The first 20 frames of a real drive, completely computed."""
-    hub = start_page(str(kitti_06), data_dir, frames=slice(0, 20))
+    hub = start_page(str(kitti_06), data_dir, frames=(0, 20))
     assert hub.shared.session.wait(90.0)
     yield hub
     stop_page(hub)

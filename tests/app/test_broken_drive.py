@@ -15,8 +15,8 @@ import pytest
 from conftest import start_page, stop_page, until
 
 from app import exports
+from app.earlier_run import open_run
 from app.hub import Hub
-from app.library import open_run
 from app.panels import debug
 from stereocalib_core.errors import SourceError
 from stereocalib_core.sources import open_source
@@ -118,7 +118,7 @@ def test_a_finished_run_opens_again(hub: Hub, broken_folder: Path) -> None:
     assert after.analysis.poses is not None
     assert before.analysis is not None
     np.testing.assert_allclose(after.analysis.poses, before.analysis.poses, atol=1e-4)
-    assert session.views.get(0, "all stages").left_jpeg[:2] == b"\xff\xd8"
+    assert session.views.get(0, "all stages").jpeg[:2] == b"\xff\xd8"
     session.close()
 
 
@@ -129,7 +129,7 @@ def test_a_run_whose_pictures_are_gone_still_shows_its_numbers(hub: Hub, broken_
     session = open_run(folder)
     assert len(session.source) == FRAMES
     assert "pictures not found" in session.source.notices[0]
-    assert session.views.get(0, "all stages").stages_jpeg
+    assert session.views.get(0, "all stages").jpeg
 
 
 def test_another_run_is_laid_beside(hub: Hub, broken_folder: Path) -> None:

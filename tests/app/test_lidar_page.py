@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 import pytest
 from conftest import until
-from raw_client import RawClient
 from websockets.exceptions import InvalidStatus
 
 from app import lidar_view
 from app.lidar_panels import command
 from app.lidar_session import LidarSession
 from app.lidar_view import LidarView
+from app.raw_client import RawClient
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import transform
 from stereocalib_core.lidar_camera import BoardCamera, BoardSpec

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import shown_frame, until
+from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm_page
 
 from app.hub import Hub
 
@@ -21,49 +21,14 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture(scope="module")
 def page(hub_06: Hub, browser: Any) -> Iterator[Any]:
-    opened = browser.new_page()
-    opened.goto(f"http://127.0.0.1:{hub_06.server.get_port()}/")
-    opened.wait_for_selector(".uplot", timeout=30_000)
-    until(lambda: hub_06.server.get_clients(), what="browser connected")
-    opened.evaluate("() => document.querySelector('.mantine-Notification-closeButton')?.click()")
-    opened.evaluate(WARM)
+    opened = warm_page(browser, hub_06)
     yield opened
     opened.close()
-
-
-WARM = """() => new Promise(done => { let last = performance.now(), calm = 0; function frame() {
-  const now = performance.now(); calm = now - last < 120 ? calm + 1 : 0; last = now;
-  if (calm > 5) done(true); else requestAnimationFrame(frame); } requestAnimationFrame(frame); })"""
-"""Resolves when the 3-D view has compiled its shaders, which takes seconds without a graphics card."""
 
 
 @pytest.fixture(autouse=True)
 def _put_back(fresh: Hub, page: Any) -> None:
     until(lambda: shown_frame(page) == 0, what="frame 0 in the browser")
-
-
-def tab(page: Any, name: str) -> None:
-    # Software rendering makes frames slow: not waiting for two equal ones saves seconds a click.
-    page.get_by_role("tab", name=name, exact=True).click(force=True)
-
-
-def press(page: Any, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click(force=True)
-
-
-def own_box(page: Any, label: str) -> Any:
-    """A checkbox of the folder that belongs to this browser, which is opened where it is shut."""
-    box = page.get_by_label(label)
-    if not box.is_visible():
-        page.get_by_text("This browser").dispatch_event("click")
-        until(box.is_visible, what="folder open")
-    return box
-
-
-def slider_entry(page: Any, label: str) -> Any:
-    """The number beside a slider."""
-    row = page.get_by_text(label, exact=True).locator("xpath=ancestor::*[.//input][1]")
-    return row.locator(".mantine-NumberInput-input").first
 
 
 def test_inspect_answers_first_and_the_card_can_be_copied(page: Any) -> None:
@@ -125,9 +90,10 @@ def test_corrections_redraw_the_live_path(page: Any, fresh: Hub) -> None:
     until(lambda: page.get_by_text("live: pitch 0 %").is_visible(), what="state")
     tab(page, "Paths")
     until(lambda: page.locator("tr", has_text="live settings").count() == 1, what="live path in the table")
-    rows = page.locator("tr", has_text="autocalibrated").first.text_content()
-    live = page.locator("tr", has_text="live settings").first.text_content()
-    error = [float(re.search(r"([\d.]+) m \(", text).group(1)) for text in (rows, live)]  # type: ignore[union-attr]
+    error = [
+        float(page.locator("tr", has_text=name).first.locator("td").nth(2).text_content())
+        for name in ("autocalibrated", "live settings")
+    ]
     assert error[1] > 1.2 * error[0]
     tab(page, "Correct")
     press(page, "A / B")

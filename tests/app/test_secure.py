@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 import viser._messages
-from raw_client import RawClient
 from websockets.exceptions import InvalidStatus
 
+from app.raw_client import RawClient
 from app.secure import LocalServer, allowed_names, create_server, request_allowed, stop_server
 
 

@@ -15,6 +15,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.pipeline import FrontEndMemory
 from stereocalib_core.results import FrameResult, RoadEstimate
 
 CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)
@@ -22,6 +23,8 @@ CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)
 
 class Pretender:
     """A front end without pixels: every third frame fails."""
+
+    memory = FrontEndMemory(None, None)
 
     def __init__(self, *_: Any) -> None:
         self.seen: list[int] = []

@@ -12,7 +12,7 @@ import pytest
 from app import lessons, text
 from app.copy_button import copy_button
 from app.panels import debug, faults
-from app.plots import Chart, Curve, chart_data, fixed_range, unbridged
+from app.plots import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
 from app.remedies import REMEDIES
 from app.session import Snapshot
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
@@ -126,14 +126,23 @@ def test_missing_data_is_not_bridged() -> None:
     assert line[2] < -900
 
 
-def test_now_is_a_spike_and_no_dot_is_invented() -> None:
+def test_failed_spans_stand_upright_and_no_dot_is_invented() -> None:
     x = np.arange(10.0)
-    chart = Chart(
-        x, (Curve("dots", x, (0, 0, 0), dots=True), Curve("line", x, (0, 0, 0))), (), (0.0, 9.0), "y"
+    failed = (x >= 4) & (x <= 6)
+    curves = (
+        Curve("failed", failed.astype(float), (0, 0, 0), hidden=True, step=True),
+        Curve("dots", x, (0, 0, 0), dots=True),
+        Curve("line", x, (0, 0, 0)),
     )
-    times, dots, line, spike = chart_data(chart, 4.0)
-    assert times[np.argmax(spike)] == 4.0
-    assert np.count_nonzero(spike == 9.0) == 1
+    chart = Chart(x, curves, (), (0.0, 9.0), "y", edges=edges(failed))
+    times, band, dots, line = chart_data(chart)
+    assert times[np.flatnonzero(np.diff(band))].tolist() == [3.5, 6.5]
+    assert times[np.flatnonzero(np.diff(band)) + 1].tolist() == [3.5, 6.5]
     assert np.isfinite(dots).sum() == 10
-    assert np.isfinite(line).all()
-    assert (np.diff(times) >= 0).all()
+    np.testing.assert_allclose(line, times)
+
+
+def test_now_is_a_line_at_its_share_of_the_plot() -> None:
+    chart = Chart(np.arange(11.0), (), (), (0.0, 1.0), "y")
+    assert "0.30000 *" in now_line(chart, 3.0, 100)
+    assert "background" not in now_line(chart, None, 100)

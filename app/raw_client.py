@@ -54,6 +54,12 @@ class RawClient:
         }
         self._socket.send(msgspec.msgpack.encode(camera))
 
+    def send_update(self, uuid: str, updates: dict[str, Any]) -> None:
+        """What a browser sends when somebody moves a control."""
+        self._socket.send(
+            msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
+        )
+
     def receive(self, timeout_s: float) -> list[Received]:
         """The messages of one window; empty after the timeout."""
         try:
@@ -90,10 +96,8 @@ def frames_in(windows: list[list[Received]]) -> list[tuple[float, int, int]]:
         for message in window:
             if message.kind != "GuiUpdateMessage":
                 continue
-            content = str(
-                message.fields["updates"].get("_markdown", message.fields["updates"].get("content", ""))
-            )
-            match = re.search(r"Frame (\d+)\*\* of", content)
+            content = str(message.fields["updates"].get("content", ""))
+            match = re.search(r"Frame (\d+)</b> of", content)
             if match:
                 found.append((message.time_s, int(match.group(1)), pictures))
     return found

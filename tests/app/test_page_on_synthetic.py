@@ -1,0 +1,206 @@
+"""The page on a rendered drive that is broken on purpose, through a real browser: from the card to the cause."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import (
+    press,
+    shown_frame,
+    slider_entry,
+    start_page,
+    stop_page,
+    tab,
+    text_entry,
+    until,
+    warm_page,
+)
+
+from app.hub import Hub
+from app.lessons import LESSONS
+from stereocalib_core.run import run_drive
+from stereocalib_core.tolerance import Tolerance
+
+pytestmark = pytest.mark.browser
+
+FRAMES, DARK = 24, (14, 16)
+DRIVE = f"synthetic:town?frames={FRAMES}&fault=night@{DARK[0]}-{DARK[1]}"
+LIMITS = {"height_m": Tolerance(1.65, 0.05), "pitch_deg": Tolerance(3.0, 0.2)}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("synthetic")
+    run_drive("synthetic:plane?frames=6", folder / "plane run")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def hub(root: Path) -> Iterator[Hub]:
+    running = start_page(DRIVE, root, limits=LIMITS)
+    running.shared.playback.play(False)
+    assert running.shared.session.wait(120.0)
+    yield running
+    stop_page(running)
+
+
+@pytest.fixture(scope="module")
+def page(hub: Hub, browser: Any) -> Iterator[Any]:
+    opened = warm_page(browser, hub)
+    yield opened
+    opened.close()
+
+
+def test_the_card_names_each_axis_within_or_outside(page: Any, hub: Hub) -> None:
+    press(page, "Inspect")
+    row = page.locator("tr", has_text="✓ within 1.65 ± 0.05 m").first
+    until(row.is_visible, what="height within")
+    assert row.text_content().startswith("height")
+    assert page.locator("tr", has_text="✗ OUTSIDE 3 ± 0.2°").first.text_content().startswith("pitch")
+    assert page.get_by_text("✗ mount OUTSIDE tolerance").is_visible()
+    copied = page.get_by_role("button", name="Copy the card").get_attribute("data-text")
+    assert "(✗ OUTSIDE 3 ± 0.2°)" in copied
+    assert "tolerance: ✗ mount OUTSIDE tolerance" in copied
+
+
+def test_every_lesson_breaks_and_mends(page: Any, hub: Hub) -> None:
+    tab(page, "Guide")
+    press(page, "Teach")
+    for number, lesson in enumerate(LESSONS):
+        until(lambda n=number: page.get_by_text(f"Step {n + 1} of {len(LESSONS)}").is_visible(), what="step")
+        until(lambda: page.locator("math").count() == 1, what="equation")
+        box = page.locator("math").bounding_box()
+        assert box["height"] > 12, lesson.title
+        page.get_by_role("button", name="Break it").click(force=True)
+        until(lambda: page.get_by_text("Broken:").is_visible(), what=f"{lesson.title} broken")
+        settings = hub.shared.settings
+        assert settings.broken_stage or settings.corrections.touched
+        page.get_by_role("button", name="Mend it").click(force=True)
+        until(
+            lambda: not (hub.shared.settings.broken_stage or hub.shared.settings.corrections.touched),
+            what=f"{lesson.title} mended",
+        )
+        press(page, "next ▶")
+    until(lambda: page.get_by_text("Step 1 of 9").is_visible(), what="round")
+
+
+def test_debug_leads_to_the_failure_and_says_why(page: Any, hub: Hub) -> None:
+    hub.shared.playback.seek(0)
+    tab(page, "Guide")
+    press(page, "Debug")
+    page.get_by_label("Failures").click(force=True)
+    entry = page.get_by_role("option", name=f"{DARK[0]} to")
+    until(entry.is_visible, what="list of failures")
+    assert page.get_by_role("option", name="1 found: choose one to go there").count() == 1
+    entry.click(force=True)
+    until(lambda: shown_frame(page) == DARK[0], what="at the failure")
+    until(lambda: page.get_by_text(f"Frame {DARK[0]} failed").count(), what="verdict")
+    assert page.get_by_text("Likely cause:").is_visible()
+    assert page.get_by_text("What to do:").is_visible()
+    assert page.get_by_text("is outside").first.is_visible()
+
+
+def test_a_fault_is_switched_on_live_and_off_again(page: Any, hub: Hub) -> None:
+    """Only the frames from the fault on are computed again."""
+    before = hub.shared.session
+    hub.shared.playback.seek(6)
+    until(lambda: shown_frame(page) == 6, what="frame 6")
+    tab(page, "Guide")
+    press(page, "Debug")
+    page.get_by_label("Fault").click(force=True)
+    page.get_by_role("option", name="drop").click(force=True)
+    press(page, "Switch on")
+    until(lambda: hub.shared.session is not before, what="new drive")
+    assert hub.shared.session.wait(60.0)
+    results = hub.shared.session.snapshot.results
+    assert [r.reason for r in results[5:7]] == ["", "MISSING_PAIR"]
+    kept = [a is b for a, b in zip(results, before.snapshot.results, strict=True)]
+    assert kept[:6] == [True] * 6
+    assert not any(kept[6:])
+    until(lambda: page.get_by_text("Frame 6 failed: MISSING_PAIR").count(), what="told")
+    assert shown_frame(page) == 6
+    press(page, "All off")
+    until(lambda: hub.shared.session.spec == "synthetic:town?frames=24", what="all off")
+    assert hub.shared.session.wait(60.0)
+    assert all(r.ok for r in hub.shared.session.snapshot.results)
+    until(lambda: page.get_by_text("Frame 6 is ok").count(), what="mended")
+
+
+def test_following_and_standing_back(page: Any, hub: Hub) -> None:
+    camera = next(iter(hub.server.get_clients().values())).camera
+    page.mouse.click(620, 120)
+    page.keyboard.press("c")
+    until(lambda: not hub.shared.settings.follow, what="standing back")
+    until(lambda: camera.position[1] < -12.0, what="camera above")
+    page.keyboard.press("c")
+    until(lambda: hub.shared.settings.follow and camera.position[1] > -7.0, what="following")
+
+
+def test_the_command_palette_finds_everything(page: Any, hub: Hub) -> None:
+    page.mouse.click(620, 120)
+    page.keyboard.press("Control+k")
+    entry = page.get_by_placeholder("Search").last
+    until(lambda: page.get_by_text("Last frame").count(), what="palette")
+    entry.fill("last fr")
+    page.keyboard.press("Enter")
+    until(lambda: hub.shared.playback.state.frame == FRAMES - 1, what="last frame")
+    until(lambda: page.get_by_placeholder("Search").count() == 0, what="palette shut")
+
+
+def test_help_on_hovering(page: Any) -> None:
+    tab(page, "Correct")
+    slider_entry(page, "pitch %").hover(force=True)
+    until(lambda: page.get_by_text("0 % takes the pitch as zero").count(), what="hint")
+    tab(page, "Guide")
+
+
+def test_another_run_beside_and_the_same_taken_away(page: Any, hub: Hub) -> None:
+    tab(page, "Open")
+    entry = text_entry(page, "Run")
+    entry.fill("plane run")
+    entry.press("Tab")
+    press(page, "Compare side by side")
+    until(lambda: page.locator("tr", has_text="other − this").count(), what="differences")
+    assert page.get_by_text("other run").is_visible()
+    entry.fill("")
+    entry.press("Tab")
+    press(page, "Compare side by side")
+    until(lambda: not page.locator("tr", has_text="other − this").count(), what="taken away")
+
+
+def test_an_earlier_run_opens_with_everything(page: Any, hub: Hub) -> None:
+    tab(page, "Open")
+    entry = text_entry(page, "Source")
+    entry.fill("plane run")
+    entry.press("Tab")
+    press(page, "Open")
+    until(lambda: page.get_by_text("run plane run").count(), what="run open")
+    assert hub.shared.session.wait(20.0)
+    assert all(r.checks and r.ok for r in hub.shared.session.snapshot.results)
+    tab(page, "Correct")
+    number = slider_entry(page, "pitch + °")
+    number.fill("0.5")
+    number.press("Enter")
+    until(lambda: "live" in hub.shared.scene.scene._paths, what="live path of a run")
+    tab(page, "Export")
+    copied = page.get_by_role("button", name="Copy the command").get_attribute("data-text")
+    assert copied.startswith("stereocalib run 'synthetic:plane?frames=6' --out out")
+
+
+def test_a_zip_is_uploaded(page: Any, hub: Hub, tmp_path: Path) -> None:
+    from stereocalib_core.synthetic import synth
+
+    synth(tmp_path / "drive", "plane", {"frames": "3"}, [], None)
+    archive = Path(shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "drive"))
+    assert zipfile.is_zipfile(archive)
+    tab(page, "Open")
+    with page.expect_file_chooser() as chooser:
+        press(page, "Upload a zip")
+    chooser.value.set_files(str(archive))
+    until(lambda: hub.shared.playback.total == 3, what="uploaded drive")
+    assert hub.shared.session.wait(60.0)
