@@ -8,6 +8,7 @@ around it are calm beside it (over a speed hump they are not).
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +20,15 @@ Array = NDArray[np.float64]
 _LAGS = 4
 _BEFORE = 60
 """Values before a step that its level is compared with."""
-_NEAR, _CALM, _USUAL = 10, 0.6, 4.5
+_NEAR, _CALM, _USUAL = 8, 0.6, 4.5
 """So near to a step no other value may be off by more than this share of it, nor by so many usual deviations."""
 _AT_ONCE, _LATER = (3, 8), (24, 60)
 """Values on either side whose medians must differ by a step: at once, and later."""
 _SKIPPED, _CANDIDATES = 10, 40
 """No step is looked for in the first values of a series; so many are looked at closely, surest first."""
+_SHORTEST, _SHARP = 6, 0.1
+"""Size by the first values alone where they show it so well, 1 sigma as a share: the autoregression holds best
+at once. Otherwise by the more values."""
 _STAYS = 0.35
 """By at least so much of its size."""
 
@@ -54,6 +58,12 @@ class _White:
         """(count,) what a step of size one adds to the innovations from its onset on."""
         past = np.concatenate([[0.0], np.cumsum(self.coefficients)])
         return np.asarray(1.0 - past[np.minimum(np.arange(count), _LAGS)])
+
+    def without(self, onset: int, size: float) -> _White:
+        """The same with a step taken out."""
+        innovations = self.innovations.copy()
+        innovations[onset:] -= size * self.signature(len(innovations) - onset)
+        return dataclasses.replace(self, innovations=innovations)
 
 
 def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
@@ -141,18 +151,24 @@ def find_step(
         return None
     found = [_likelihood(white, horizon) for horizon in horizons]
     scores = [np.abs(size) / sigma for size, sigma in found]
-    # Where the series is no autoregression the scores scatter more than they should.
-    scatter = max(1.4826 * float(np.median(scores[0][usable])), 1.0)
-    size, sigma = found[-1]
-    score = scores[-1] / scatter
+    (size, sigma), score = found[-1], scores[-1]
     candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least))
     by_witness = size if witness is None else _likelihood(_whiten(witness, calm, noise), horizons[-1])[0]
     for k in candidates[np.argsort(-score[candidates])][:_CANDIDATES].tolist():
         seen = by_witness[k] * np.sign(size[k]) > _STAYS * abs(size[k])
-        if seen and _alone(white, k, float(size[k])) and _stays(series, k, float(size[k])):
+        without = white.without(k, float(size[k]))
+        if not (seen and _alone(without, k, float(size[k])) and _stays(series, k, float(size[k]))):
+            continue
+        # Where the series is no autoregression the scores scatter more than they should.
+        others, deviations = _likelihood(without, reach)
+        scatter = max(1.4826 * float(np.median((np.abs(others) / deviations)[usable])), 1.0)
+        if score[k] > threshold * scatter:
             ready = [h for h, s in zip(horizons, scores, strict=True) if s[k] > threshold * scatter]
-            certain = min(k + (ready[0] if ready else horizons[-1]), len(series)) - 1
-            return Step(k, certain, float(size[k]), float(sigma[k]), float(score[k]))
+            certain = min(k + ready[0], len(series)) - 1
+            estimates = [(a[k], d[k]) for a, d in (_likelihood(white, _SHORTEST), *found)]
+            sharp = [e for e in estimates if e[1] < _SHARP * abs(size[k])]
+            best, deviation = (sharp or estimates[-1:])[0]
+            return Step(k, certain, float(best), float(deviation), float(score[k]) / scatter)
     return None
 
 
@@ -166,9 +182,8 @@ def _seen_around(known: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 
 def _alone(white: _White, onset: int, size: float) -> bool:
-    """Whether the innovations near a step are small beside it once its own part is taken out."""
+    """Whether the innovations near a step, its own part taken out, are small beside it."""
     rest = white.innovations - white.level
-    rest[onset:] -= size * white.signature(len(rest) - onset)
     near = slice(max(onset - _NEAR, 0), onset + _NEAR + 1)
     usual = 1.0 / np.sqrt(np.median(white.weights[white.weights > 0]))
     limit = max(_CALM * abs(size), _USUAL * usual)

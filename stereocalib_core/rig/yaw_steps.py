@@ -80,7 +80,7 @@ def _confirmed(levels: Array, onset: int, jump: float, usual: float) -> Step | N
             break
         values = levels[after[:count]]
         rise = float(np.median(values) - np.median(before))
-        spread = _LEVEL_SIGMA + float(np.hypot(*(_mean_sigma(part) for part in (before, values))))
+        spread = _LEVEL_SIGMA + float(np.hypot(_mean_sigma(before), _mean_sigma(values)))
         alike = _ALIKE[0] < rise / jump < _ALIKE[1]
         if certain is None and alike and abs(rise) > _LEVEL_SIGMAS * spread:
             certain = int(after[count - 1])
