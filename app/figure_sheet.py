@@ -6,8 +6,6 @@ import io as bytes_io
 import textwrap
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from app import palette
 from app.panels.timeline import AXES, UNITS, axis_values, raw_values
@@ -21,6 +19,10 @@ def _rgb(color: palette.Rgb) -> tuple[float, float, float]:
 
 def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card: str) -> bytes:
     """PNG bytes of an A4 landscape sheet."""
+    # not before somebody asks for a sheet: drawing with matplotlib takes half a second to load
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11.7, 8.3), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 3, width_ratios=(1.25, 1.25, 1.0))

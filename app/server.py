@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.drive_parts import Limits
-from app.hub import Hub
 from app.library import Library, open_drive
-from app.secure import create_server, stop_server
-from app.until_stopped import until_stopped
 from stereocalib_core.config import PipelineConfig
+
+if TYPE_CHECKING:
+    from app.hub import Hub
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,11 @@ def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
     """Start the page and return at once; `hub.server.get_port()` says where."""
     how = opening or Opening()
     session = open_drive(spec, how.config, how.frames, how.rig, how.limits)
+    # the first frames are under way while the page is loaded and built
+    session.start()
+    from app.hub import Hub
+    from app.secure import create_server
+
     server = create_server(host, port)
     hub = Hub(server, session, Library(how.root or Path.cwd(), how.config, how.limits))
     hub.start()
@@ -44,6 +50,9 @@ def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
 def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening | None = None) -> None:
     """Show a drive in the browser until Ctrl-C (raises KeyboardInterrupt). Prints the page's address when ready."""
     hub = start(spec, host, port, opening)
+    from app.secure import stop_server
+    from app.until_stopped import until_stopped
+
     try:
         until_stopped(hub.server, host)
     finally:

@@ -125,8 +125,9 @@ class Session:
         return self._views[broken_stage]
 
     def start(self) -> None:
-        """Start computing."""
-        self._thread.start()
+        """Start computing, unless it has begun."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def close(self, timeout_s: float = 10.0) -> None:
         """Stop computing after the frame in work, and wait for that at most `timeout_s`."""

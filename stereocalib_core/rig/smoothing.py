@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import FilterConfig
 from stereocalib_core.results import FilteredExtrinsics, FrameResult
-from stereocalib_core.rig.body_filter import FilterStep, RigFilter, measured_covariance
+
+if TYPE_CHECKING:
+    from stereocalib_core.rig.body_filter import FilterStep
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +23,9 @@ def filter_drive(results: Sequence[FrameResult], config: FilterConfig | None = N
     With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
     was predicted stays as it was predicted: later frames do not bridge a gap.
     """
+    # not before a drive is filtered: filterpy brings half a second of imports
+    from stereocalib_core.rig.body_filter import RigFilter, measured_covariance
+
     config = config or FilterConfig()
     rig = RigFilter(config)
     steps: list[FilterStep] = []

@@ -88,14 +88,19 @@ def tileable_noise(
     height, width = size
     fy = np.fft.fftfreq(height)[:, None]
     fx = np.fft.rfftfreq(width)[None, :]
-    radius = np.hypot(fy, fx)
-    total = np.zeros(size, np.float64)
+    pitch = np.log2(np.maximum(np.hypot(fy, fx), 1e-9)).astype(np.float32)
+    # how often each column of the half spectrum stands for one of the whole
+    twice = np.full(fx.shape, 2.0, np.float32)
+    twice[0, 0] = 1.0
+    if width % 2 == 0:
+        twice[0, -1] = 1.0
+    total = np.zeros(pitch.shape, np.complex64)
     for wavelength, sigma in octaves:
-        white = np.fft.rfft2(rng.standard_normal(size))
-        ratio = np.log2(np.maximum(radius, 1e-9) * wavelength)
-        band = np.fft.irfft2(white * np.exp(-0.5 * (ratio / 0.6) ** 2), s=size)
-        total += band * (sigma / max(float(band.std()), 1e-12))
-    return total.astype(np.float32)
+        white = np.fft.rfft2(rng.standard_normal(size).astype(np.float32))
+        band = white * np.exp((pitch + np.float32(np.log2(wavelength))) ** 2 * np.float32(-0.5 / 0.36))
+        power = float(np.sum(twice * (band.real**2 + band.imag**2), dtype=np.float64))
+        total += band * np.float32(sigma * height * width / max(math.sqrt(power), 1e-12))
+    return np.fft.irfft2(total, s=size).astype(np.float32)
 
 
 @njit(**INLINED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -66,10 +67,12 @@ def build_world(drive: Drive) -> World:
     settings = drive.settings
     rng = np.random.default_rng([settings.seed, 31])
     bare = drive.ground.flat
-    road = plain_map(rng, drive.course) if bare else street_map(rng, drive.course)
-    grain, sky, grass = common_textures(settings.seed)
-    textures = [grain, road.albedo, sky, grass]
-    furniture = Furniture((), {}) if bare else furnish(drive, road, textures, rng, SUN)
+    with ThreadPoolExecutor(1) as painter:
+        common = painter.submit(common_textures, settings.seed)
+        road = plain_map(rng, drive.course) if bare else street_map(rng, drive.course)
+        textures = [road.albedo] * 4
+        furniture = Furniture((), {}) if bare else furnish(drive, road, textures, rng, SUN)
+        textures[TEXTURE_GRAIN], textures[TEXTURE_SKY], textures[TEXTURE_GRASS] = common.result()
     textures[TEXTURE_MAP] = road.finished()
     ground = ground_mesh(drive.ground)
     parts = [ground]
