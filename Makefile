@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 
-.PHONY: demo test check bench bench-batch format clean
+.PHONY: demo test check bench bench-batch bench-app format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
@@ -29,6 +29,10 @@ bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same r
 
 bench-batch: $(READY)  ## twelve short drives: one run after another, one worker, two workers
 	$(BIN)/python -m stereocalib_core.batch_bench $(ARGS)
+
+bench-app: $(READY)  ## how quick the page is, and a class of twenty browsers, on RUN=the output of a run
+	$(BIN)/python -m app.bench $(RUN)
+	$(BIN)/python -m app.bench_class $(RUN)
 
 format: $(READY)
 	$(BIN)/ruff format .

@@ -17,7 +17,8 @@ sources (SOURCE is recognised by what is in it):
   FOLDER                      left/ right/ (same file names) and camera.yaml, unrectified or not;
                               optional times.txt, poses.txt
   synthetic[:NAME][?key=value&...]
-                              a rendered drive with known truth: town, curves, straight, plane
+                              a rendered drive with known truth: town, curves, straight, plane,
+                              e.g. 'synthetic:town?frames=120&fault=night@40-46'
   video:FILE?camera=camera.yaml, video:0?camera=camera.yaml
                               side-by-side video file or live camera
   RUN_DIR                     what an earlier `run` wrote (view, compare)
@@ -30,6 +31,8 @@ exit codes: 0 fine, 2 bad usage or input, 3 finished but not to be trusted, 130 
 TOP = f"""\
 examples:
   stereocalib demo                              see it work, no data needed
+  stereocalib demo --frames 120 --fault night@40-46
+                                                why frames fail, on a drive broken on purpose
   stereocalib run sequences/06 --out run06      numbers for a drive
   stereocalib view sequences/06                 the same, live in a browser
   stereocalib run sequences/07 --out run07 --rig run06/rig.yaml
@@ -127,9 +130,14 @@ def build_parser() -> Parser:
             formatter_class=_Help,
         )
 
-    demo = add("demo", "open the app on the embedded synthetic drive", "stereocalib demo --port 8090")
+    demo = add(
+        "demo",
+        "open the app on the embedded synthetic drive",
+        "stereocalib demo --frames 120 --fault night@40-46",
+    )
     _add_server(demo)
     _add_tolerance(demo)
+    _add_fault(demo)
     demo.add_argument("--frames", type=_positive, metavar="N", help="only the first N frames")
 
     view = add("view", "open the app on SOURCE", "stereocalib view sequences/06")
@@ -161,14 +169,7 @@ def build_parser() -> Parser:
     for key, (metavar, text) in SYNTH_KEYS.items():
         spellings = list(dict.fromkeys([f"--{key}", f"--{key.replace('_', '-')}"]))
         synth.add_argument(*spellings, dest=key, metavar=metavar, help=text)
-    synth.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="KIND[:axis=size]@A[-B]",
-        help="knock drift rectification dirt glare drop swap freeze low_texture rain night truck ramp "
-        "lidar_knock, from frame A on or up to B; may be given several times",
-    )
+    _add_fault(synth)
 
     experiments = add(
         "experiments",
@@ -202,6 +203,17 @@ def _add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=_port, default=8080, metavar="P", help="default: 8080")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="H", help="default: 127.0.0.1, this machine only"
+    )
+
+
+def _add_fault(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND[:axis=size]@A[-B]",
+        help="knock drift rectification dirt glare drop swap freeze low_texture rain night truck ramp "
+        "lidar_knock, from frame A on or up to B; may be given several times",
     )
 
 

@@ -20,8 +20,9 @@ from stereocalib_core.errors import SourceError
 
 def demo(arguments: argparse.Namespace) -> str | None:
     """The app on the synthetic drive."""
-    frames = "" if arguments.frames is None else f"?frames={arguments.frames}"
-    _serve(f"synthetic:town{frames}", arguments)
+    keys = [] if arguments.frames is None else [f"frames={arguments.frames}"]
+    keys += [f"fault={fault}" for fault in arguments.fault]
+    _serve("synthetic:town" + ("?" if keys else "") + "&".join(keys), arguments)
     return None
 
 

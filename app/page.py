@@ -157,6 +157,18 @@ class Page:
         for client in self.hub.viewers(self):
             place_camera(client, view)
 
+    def seek_failure(self, direction: int) -> None:
+        """Go to the next (+1) or previous (-1) failed frame, or say that there is none."""
+        if self.playback.seek_failure(direction) is not None:
+            return
+        snapshot = self.session.snapshot
+        where = "further on" if direction > 0 else "before this one"
+        state = "" if snapshot.done else f" {100 * snapshot.progress:.0f} % of the drive is computed so far."
+        for client in self.hub.viewers(self):
+            client.add_notification(
+                "No failed frame", f"There is none {where}.{state}", auto_close_seconds=5.0
+            )
+
     def set_compared(self, run: SavedRun | None) -> None:
         """Lay another run beside this one."""
         self.compared = run

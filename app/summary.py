@@ -18,6 +18,8 @@ DIGITS = 3
 def drive_summary(snapshot: Snapshot, paths: PathState) -> str:
     """Medians and spreads over the drive, failures by reason, and how far the path ends from the truth."""
     report = snapshot.report
+    if not report:
+        return note(" · ".join(_facts(snapshot, paths)))
     rows = []
     for name, key, unit in AXES:
         block: Mapping[str, Any] = report.get(key) or {}

@@ -130,7 +130,7 @@ class DebugPanel:
                 self._faults = FaultsPanel(page)
         for handle in (self._failures, self._shifts):
             page.on_input(handle, self._go)
-        page.on_click(self._jump, lambda v: page.playback.seek_failure(1 if v.startswith("failure") else -1))
+        page.on_click(self._jump, lambda v: page.seek_failure(1 if v.startswith("failure") else -1))
 
     def _go(self, option: Any) -> None:
         frame = frame_of(str(option))

@@ -230,7 +230,7 @@ class TimelinePanel:
     def _on_transport(self, value: str) -> None:
         clock = self._page.playback
         if value == TRANSPORT[0]:
-            clock.seek_failure(-1)
+            self._page.seek_failure(-1)
         elif value == TRANSPORT[1]:
             clock.step(-1)
         elif value in ("play", "pause"):
@@ -238,7 +238,7 @@ class TimelinePanel:
         elif value == TRANSPORT[3]:
             clock.step(1)
         else:
-            clock.seek_failure(1)
+            self._page.seek_failure(1)
 
     def update(self, moment: Moment) -> None:
         """Move `now`, and redraw the curves where the drive changed."""

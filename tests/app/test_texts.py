@@ -18,6 +18,7 @@ from app.session import Snapshot
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import Check, FrameResult, RoadEstimate
+from stereocalib_core.sources import open_source
 
 EVIL = '<img src=x onerror=alert(1)> "quoted" `code` [link](javascript:x) & more'
 
@@ -146,3 +147,45 @@ def test_now_is_a_line_at_its_share_of_the_plot() -> None:
     chart = Chart(np.arange(11.0), (), (), (0.0, 1.0), "y")
     assert "0.30000 *" in now_line(chart, 3.0, 100)
     assert "background" not in now_line(chart, None, 100)
+
+
+def test_the_card_judges_each_axis_and_the_whole() -> None:
+    from app.card import card_html, card_text
+    from stereocalib_core.tolerance import Tolerance, judged
+
+    mount = {
+        axis: {"value": value, "sigma": 0.01} for axis, value in (("height_m", 1.66), ("pitch_deg", 0.5))
+    }
+    limits = {
+        "height_m": Tolerance(1.65, 0.02),
+        "pitch_deg": Tolerance(0.8, 0.2),
+        "roll_deg": Tolerance(0.0, 1.0),
+    }
+    report = {"mount": judged(mount, limits), "shifts": [], "rectification": {"verdict": "good", "why": EVIL}}
+    snapshot = Snapshot(1, (good(0),), report=report, done=True)
+    lines = card_text("drive", snapshot)
+    assert "height: 1.660 ± 0.010 m (✓ within 1.65 ± 0.02 m)" in lines
+    assert "pitch: 0.500 ± 0.010° (✗ OUTSIDE 0.8 ± 0.2°)" in lines
+    assert "roll: – (not measured, allowed 0 ± 1°)" in lines
+    assert "tolerance: not every axis measured" in lines
+    shown = card_html(snapshot)
+    assert "<img" not in shown
+    assert shown.count("✗ OUTSIDE") == 1
+    report = {"mount": {**mount, "within_tolerance": False}}
+    assert "✗ mount OUTSIDE tolerance" in card_text("run", Snapshot(1, (good(0),), report=report, done=True))
+
+
+@pytest.mark.parametrize("kind", [k for k in faults.KINDS if k != "ramp"])
+def test_frames_before_a_fault_are_as_without_it(kind: str) -> None:
+    """What lets the page switch a fault on without computing the drive again."""
+    first = 3
+    fault = faults.fault_words(kind, "pitch", 0.3, first, None)
+    assert faults.same_before([fault.removeprefix("fault=")]) == first
+    plain, broken = (open_source(f"synthetic:plane?frames=5{more}") for more in ("", f"&{fault}"))
+    a, b = plain[first - 1], broken[first - 1]
+    for seen, wanted in ((a.left, b.left), (a.right, b.right)):
+        apart = np.abs(seen.astype(int) - wanted.astype(int))  # type: ignore[union-attr]
+        # The way of the car is integrated with the fault in it, which may round a pixel differently.
+        assert apart.max() <= 1
+        assert np.count_nonzero(apart) <= 20
+    assert faults.same_before(["ramp@3", "night@4"]) == 0
