@@ -81,7 +81,9 @@ def open_sequence(folder: Path) -> Recording:
     for name in (f"P{left}", f"P{right}"):
         if name not in calib:
             raise SourceError(f"calibration has no {name}", calib_file, "it needs the line of both cameras")
-    pairs = match_pairs(folder / f"image_{left}", folder / f"image_{right}", numbered=True)
+    # a synthetic drive that was written has truth for dropped frames as well, the first and the last included
+    known = {path.stem for path in (folder / "disparity_gt").glob("*.png")}
+    pairs = match_pairs(folder / f"image_{left}", folder / f"image_{right}", True, known)
     picture = survey(pairs.present(), folder)
     camera = stereo_camera(calib[f"P{left}"], calib[f"P{right}"], (picture.width, picture.height), calib_file)
     check_usable(pairs, picture, folder)

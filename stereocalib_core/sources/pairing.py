@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,11 +58,14 @@ def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
     return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts)
 
 
-def match_pairs(left_folder: Path, right_folder: Path, numbered: bool) -> Pairs:
+def match_pairs(
+    left_folder: Path, right_folder: Path, numbered: bool, known: Collection[str] = frozenset()
+) -> Pairs:
     """Left and right pictures of equal name.
 
     numbered: names are frame numbers as in KITTI, which also number the lines of lists; else pictures and
         lines are counted through.
+    known: names that are frames even where both their pictures are missing.
     Pictures without a partner before the first or after the last whole pair are left out, with a notice.
     Between them, a name that lacks a side, and a number that lacks both, is a frame of its own, so that
     nothing shifts. Raises SourceError when not one pair is whole.
@@ -71,13 +74,13 @@ def match_pairs(left_folder: Path, right_folder: Path, numbered: bool) -> Pairs:
     for folder, found in ((left_folder, left), (right_folder, right)):
         if not found:
             raise SourceError("no pictures", folder, "expected left and right picture files of equal names")
-    stems = sorted(left.keys() | right.keys(), key=natural_key)
-    whole = [i for i, stem in enumerate(stems) if stem in left and stem in right]
-    if not whole:
+    stems = sorted(left.keys() | right.keys() | set(known), key=natural_key)
+    if not left.keys() & right.keys():
         where = f"{left_folder} and {right_folder}"
         raise SourceError(
             "no left picture has a right one of the same name", where, "give both the same names"
         )
+    whole = [i for i, stem in enumerate(stems) if stem in known or (stem in left and stem in right)]
     used = stems[whole[0] : whole[-1] + 1]
     rows = list(range(whole[0], whole[-1] + 1))
     notices = _unused(stems, used, left, right, left_folder, right_folder)

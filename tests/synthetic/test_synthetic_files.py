@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.run import run_drive
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.synthetic import SyntheticSource
 from stereocalib_core.synthetic import synth
@@ -140,3 +141,18 @@ def test_written_drive_reads_back_to_the_same_frames(tmp_path: Path) -> None:
     )
     true = np.nan_to_num(direct.truth(1).disparity)
     assert image.dtype == np.uint16 and np.abs(image / 256.0 - true).max() <= 0.5 / 256 + 1e-6
+
+
+def test_a_run_on_the_written_drive_gives_the_same_bytes(tmp_path: Path) -> None:
+    options = {**SMALL, "frames": "8", "seed": "3"}
+    faults = ["drop@0", "drop@4", "drop@7"]
+    synth(tmp_path, "straight", options, faults)
+    spec = f"synthetic:straight?{SPEC}&frames=8&seed=3" + "".join(f"&fault={fault}" for fault in faults)
+    folder = str(tmp_path / "sequences" / "00")
+    for source, out in ((spec, "direct"), (folder, "written")):
+        run_drive(source, tmp_path / out)
+    for name in ("extrinsics.csv", "trajectory.txt", "trajectory.tum"):
+        assert (tmp_path / "direct" / name).read_bytes() == (tmp_path / "written" / name).read_bytes()
+    rows = (tmp_path / "written" / "extrinsics.csv").read_text().splitlines()[1:]
+    assert len(rows) == 8
+    assert [i for i, row in enumerate(rows) if ",MISSING_PAIR," in row] == [0, 4, 7]
