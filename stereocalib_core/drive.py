@@ -18,7 +18,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.evaluation import OdometryErrors, evaluate
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.lidar_camera.road_check import LidarCheck, check
+from stereocalib_core.lidar_camera.road_check import LidarCheck, check, who_moved
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
@@ -92,6 +92,8 @@ def analyse(
     times = np.array([r.timestamp_s for r in results], dtype=np.float64)
     motion = MotionSeries.from_path(times, best, tracks)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
+    if lidar is not None:
+        lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
     mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
     report = {
         "mount": _mount_block(mount),

@@ -7,12 +7,15 @@ neighbouring residuals are not (the same road, the same shadows): `correlated_fr
 
 Signs are those of the extrinsics: the LiDAR's own height, pitch and roll over the road less what the calibration
 makes of the camera's.
+
+Who has moved? Both see the same road. A camera that is knocked alone changes its own height, pitch or roll over the
+road by as much as it changes the residual, the other way round; a knocked LiDAR changes the residual only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -40,7 +43,7 @@ class LidarShift:
     """One finding: `step` (moved during the drive) or `offset` (the calibration is off from the start).
 
     frame: the first frame that shows it. detected_at: the frame by which it was certain.
-    size, sigma: [m] for height, else [rad].
+    size, sigma: [m] for height, else [rad]. moved: which of the two, as far as the camera's own road tells.
     """
 
     frame: int
@@ -49,6 +52,7 @@ class LidarShift:
     sigma: float
     kind: Literal["step", "offset"]
     detected_at: int
+    moved: Literal["lidar", "camera"] | None = None
 
     def as_report(self) -> dict[str, Any]:
         """The entry of `shifts`: metres or degrees."""
@@ -61,6 +65,7 @@ class LidarShift:
             "kind": self.kind,
             "sigma": self.sigma * unit,
             "detected_at": self.detected_at,
+            "moved": self.moved,
         }
 
 
@@ -129,6 +134,27 @@ def check(results: Sequence[FrameResult], config: RoadCheckConfig) -> LidarCheck
     filtered, filtered_sigma = _filter(values, sigma, levels, times, config)
     ordered = tuple(sorted(shifts, key=lambda s: (s.frame, AXES.index(s.axis))))
     return LidarCheck(frames, values, sigma, filtered, filtered_sigma, median, scatter, ordered)
+
+
+def who_moved(
+    found: LidarCheck, camera_steps: Sequence[tuple[int, str, float]], config: RoadCheckConfig
+) -> LidarCheck:
+    """The same with `moved` told for every step, from the steps (frame, axis, size) of the camera over the road."""
+
+    def told(shift: LidarShift) -> LidarShift:
+        if shift.kind != "step":
+            return shift
+        near = [
+            size
+            for frame, axis, size in camera_steps
+            if axis == shift.axis and abs(frame - shift.frame) < config.window
+        ]
+        if not near:
+            return replace(shift, moved="lidar")
+        unlike = min(abs(size + shift.size) for size in near)
+        return replace(shift, moved="camera" if unlike < 0.5 * abs(shift.size) else None)
+
+    return replace(found, shifts=tuple(told(shift) for shift in found.shifts))
 
 
 def _robust(values: Array) -> tuple[Array, Array]:

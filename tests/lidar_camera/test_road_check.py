@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +17,10 @@ from simulated_scan import (
     with_residual,
 )
 
-from stereocalib_core.config import PipelineConfig, RoadCheckConfig
+from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.geometry import Extrinsics, invert_transform
 from stereocalib_core.lidar_camera.lidar_road import fit_lane, scan_residual
-from stereocalib_core.lidar_camera.road_check import check
+from stereocalib_core.lidar_camera.road_check import check, who_moved
 from stereocalib_core.results import FrameResult, RoadResidual
 
 CONFIG = RoadCheckConfig()
@@ -257,6 +255,24 @@ def test_an_offset_within_its_own_doubt_is_no_alarm() -> None:
     assert found is not None and found.shifts == ()
 
 
+@pytest.mark.parametrize(
+    ("camera", "moved"),
+    [
+        ([], "lidar"),
+        ([(41, "pitch", -np.deg2rad(0.55))], "camera"),
+        ([(41, "pitch", np.deg2rad(0.5))], None),
+        ([(41, "roll", -np.deg2rad(0.5)), (5, "pitch", -np.deg2rad(0.5))], "lidar"),
+    ],
+)
+def test_who_moved_is_told_by_the_cameras_own_road(camera: list[object], moved: str | None) -> None:
+    found = check(drive(80, 0, step(1, np.deg2rad(0.5), 40)), CONFIG)
+    assert found is not None
+    (shift,) = who_moved(found, camera, CONFIG).shifts  # type: ignore[arg-type]
+    assert shift.moved == moved == shift.as_report()["moved"]
+    off = check(drive(12, 3, step(2, np.deg2rad(1.0), 0)), CONFIG)
+    assert off is not None and who_moved(off, [], CONFIG).shifts[0].moved is None
+
+
 def test_filter_averages_and_its_sigma_holds() -> None:
     errors, stated = [], []
     for seed in range(30):
@@ -288,99 +304,3 @@ def test_report_has_the_contract_block_and_says_what_a_road_cannot_show() -> Non
     assert all(word in block["unseen"] for word in ("yaw", "x", "z"))
     assert check([stereo_result(0, ROAD)], CONFIG) is None
     assert check([], CONFIG) is None
-
-
-# ---- a real drive ---------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def real_drive(kitti_raw_0009: Path):  # type: ignore[no-untyped-def]
-    """(frame, result without LiDAR) of the frames with scans, and the calibration."""
-    from stereocalib_core.pipeline import FrontEnd
-    from stereocalib_core.sources import open_source
-
-    source = open_source(str(kitti_raw_0009))
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
-    frames = [source[i] for i in range(12)]
-    return frames, [front_end.step(frame) for frame in frames], source.T_camera_lidar
-
-
-def again(real, T):  # type: ignore[no-untyped-def]
-    """The drive's check with another calibration."""
-    frames, results, _ = real
-    pairs = zip(frames, results, strict=True)
-    return check([dataclasses.replace(r, lidar=scan_residual(f, r, T, CONFIG)) for f, r in pairs], CONFIG)
-
-
-def test_real_drive_agrees_with_its_calibration(real_drive) -> None:  # type: ignore[no-untyped-def]
-    found = check(real_drive[1], CONFIG)
-    assert found is not None and len(found.frames) == 12 and found.shifts == ()
-    assert np.all(np.abs(found.median) < [0.04, np.deg2rad(0.25), np.deg2rad(0.5)])
-    assert np.all(found.scatter < [0.012, np.deg2rad(0.08), np.deg2rad(0.2)])
-
-
-@pytest.mark.parametrize(("axis", "name"), [(1, "pitch"), (2, "roll")])
-@pytest.mark.parametrize("degrees", [1.0, -1.0])
-def test_real_lidar_turned_in_software(real_drive, axis: int, name: str, degrees: float) -> None:  # type: ignore[no-untyped-def]
-    before = check(real_drive[1], CONFIG)
-    after = again(real_drive, turned(real_drive[2], **{f"{name}_deg": degrees}))
-    moved = (after.median - before.median) * DEGREE
-    assert moved[axis] == pytest.approx(degrees, abs=0.1)
-    assert abs(moved[3 - axis]) < 0.1
-    assert [(s.axis, s.kind) for s in after.shifts] == [(name, "offset")]
-
-
-def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
-    real_drive, kitti_raw_0009: Path, tmp_path: Path
-) -> None:  # type: ignore[no-untyped-def]
-    from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint
-    from stereocalib_core.drive import analyse
-    from stereocalib_core.pipeline import FrontEndMemory
-    from stereocalib_core.sources import open_source
-
-    results = real_drive[1]
-    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", {})
-    for result in results:
-        checkpoint.append(Done(result, FrontEndMemory(None, None), 1.0))
-    checkpoint.close()
-    again_read = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", {})[0]]
-    for before, after in zip(results, again_read, strict=True):
-        assert before.lidar is not None and after.lidar is not None
-        assert before.lidar.values.tobytes() == after.lidar.values.tobytes()
-        assert before.lidar.covariance.tobytes() == after.lidar.covariance.tobytes()
-    drive_report = analyse(again_read, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).report
-    found = check(results, CONFIG)
-    assert found is not None and drive_report["lidar_check"] == found.as_report()
-    without = [dataclasses.replace(result, lidar=None) for result in results]
-    assert (
-        analyse(without, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).report["lidar_check"]
-        is None
-    )
-
-
-def test_a_scan_takes_little_time(real_drive) -> None:  # type: ignore[no-untyped-def]
-    frames, results, T = real_drive
-    times = []
-    for _ in range(20):
-        began = time.perf_counter()
-        scan_residual(frames[0], results[0], T, CONFIG)
-        times.append(time.perf_counter() - began)
-    assert min(times) < 0.008
-
-
-# ---- the synthetic drive --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("fault", "pitch", "roll"), [("", 0.0, 0.0), ("&fault=lidar_knock:roll=0.5@0", 0.0, 0.5)]
-)
-def test_synthetic_lidar_agrees_until_it_is_knocked(fault: str, pitch: float, roll: float) -> None:
-    from stereocalib_core.pipeline import FrontEnd
-    from stereocalib_core.sources import open_source
-
-    source = open_source(f"synthetic:straight?lidar=1&frames=3{fault}")
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
-    residuals = [front_end.step(source[i]).lidar for i in range(3)]
-    values = np.median([r.values for r in residuals if r is not None], axis=0)
-    assert_within(np.abs(values[1:]) * DEGREE, [pitch, roll], 0.05)
-    assert abs(values[0]) < 0.01
