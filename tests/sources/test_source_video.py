@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import threading
 import time
 from pathlib import Path
@@ -14,7 +15,9 @@ from drive_writer import CAMERA_YAML, HEIGHT, WIDTH
 from stereocalib_core.errors import FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.run import run_drive
 from stereocalib_core.sources import SourceKind, open_source, prefetch, source_kind
+from stereocalib_core.sources.camera_file import read_camera_file
 from stereocalib_core.sources.live import LiveReader
 from stereocalib_core.sources.video import to_frame
 
@@ -132,3 +135,70 @@ def test_a_live_source_drops_frames_rather_than_lag() -> None:
     assert max(lags) <= 3
     assert reader.dropped == 100 - len(seen)
     assert seen[-1] >= 98
+
+
+UNRECTIFIED_YAML = f"""width: {WIDTH}
+height: {HEIGHT}
+left: {{K: [[80, 0, 47], [0, 81, 32], [0, 0, 1]], D: [-0.1, 0.02, 0, 0, 0]}}
+right: {{K: [[79, 0, 48], [0, 80, 31], [0, 0, 1]], D: [-0.12, 0.03, 0, 0, 0]}}
+R: [[1, 0, 0], [0, 0.9998, -0.019999], [0, 0.019999, 0.9998]]
+t: [-0.5, 0.002, 0.003]
+"""
+
+
+def test_an_unrectified_video_is_rectified(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    picture = cv2.GaussianBlur(rng.integers(0, 256, (HEIGHT, 2 * WIDTH)).astype(np.uint8), (0, 0), 3)
+    picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
+    writer = cv2.VideoWriter(
+        str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 20, (2 * WIDTH, HEIGHT)
+    )
+    for _ in range(3):
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    (tmp_path / "camera.yaml").write_text(UNRECTIFIED_YAML)
+    rectifier = read_camera_file(tmp_path / "camera.yaml").rectifier
+    assert rectifier is not None
+    frame = open_source(f"video:{tmp_path / 'v.avi'}?camera=camera.yaml")[1]
+    halves = picture[:, :WIDTH].copy(), picture[:, WIDTH:].copy()
+    for found, raw, wanted in zip((frame.left, frame.right), halves, rectifier.apply(*halves), strict=True):
+        assert found is not None
+        assert np.abs(found.astype(float) - wanted).mean() < 3.0
+        assert np.abs(found.astype(float) - raw).mean() > 10.0
+
+
+class Device:
+    """A camera that gives 150 pictures, 100 a second at most, in place of `cv2.VideoCapture`."""
+
+    def __init__(self, number: int) -> None:
+        self.given = 0
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return True
+
+    def set(self, key: int, value: float) -> bool:
+        return True
+
+    def get(self, key: int) -> float:
+        return {cv2.CAP_PROP_FRAME_WIDTH: 2 * WIDTH, cv2.CAP_PROP_FRAME_HEIGHT: HEIGHT}[key]
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        time.sleep(0.01)
+        self.given += 1
+        return self.given <= 150, side_by_side(self.given % 40)
+
+
+def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever is slower than the device skips pictures; the times are those at which they came."""
+    monkeypatch.setattr("stereocalib_core.sources.video.cv2.VideoCapture", Device)
+    (tmp_path / "camera.yaml").write_text(CAMERA_YAML)
+
+    def slow(done: int, *_: object) -> None:
+        time.sleep(0.1)
+
+    report = run_drive(f"video:0?camera={tmp_path / 'camera.yaml'}", tmp_path / "out", progress=slow)
+    assert 3 < report["frames"] < 75
+    rows = list(csv.DictReader((tmp_path / "out" / "extrinsics.csv").open()))
+    times = np.array([float(row["timestamp_s"]) for row in rows])
+    assert np.all(np.diff(times) > 0.05)
+    assert times[-1] > 0.8
