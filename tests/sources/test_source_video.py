@@ -200,5 +200,6 @@ def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest
     assert 3 < report["frames"] < 75
     rows = list(csv.DictReader((tmp_path / "out" / "extrinsics.csv").open()))
     times = np.array([float(row["timestamp_s"]) for row in rows])
-    assert np.all(np.diff(times) > 0.05)
+    assert np.all(np.diff(times) > 0)
+    assert np.median(np.diff(times)) > 0.08
     assert times[-1] > 0.8
