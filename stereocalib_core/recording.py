@@ -7,7 +7,7 @@ Entities, in the axes of the first left camera (x right, y down, z forward):
 - `world/path/VARIANT`, `world/path/truth`: the paths.
 - `disparity`: coloured, nearer is brighter.
 - `extrinsics/AXIS/{raw,filtered,low,high}`: in metres and degrees, low and high at one filtered sigma.
-- `events`: failed frames with their reasons, gaps, shifts.
+- `events`: failed frames with their reasons, gaps, shifts of the mount and of the LiDAR against the camera.
 
 Time lines: `frame` (zero-based) and `time` (seconds of the recording). Rerun is only imported when asked for.
 """
@@ -145,9 +145,11 @@ class Recorder:
             self._stream.log(f"world/path/{name}", strip, static=True)
         for first, last in analysis.report.get("gaps", ()):
             self._event(results, first, f"no road measured in frames {first} to {last}")
-        for shift in analysis.report.get("shifts", ()):
-            text = f"{shift['kind']} of {shift['axis']} by {shift['size']:+.3f} {shift['unit']}"
-            self._event(results, shift["frame"], text)
+        lidar = analysis.report.get("lidar_check") or {}
+        for who, shifts in (("", analysis.report.get("shifts", ())), ("LiDAR: ", lidar.get("shifts", ()))):
+            for shift in shifts:
+                text = f"{who}{shift['kind']} of {shift['axis']} by {shift['size']:+.3f} {shift['unit']}"
+                self._event(results, shift["frame"], text)
 
     def _columns(self, results: Sequence[FrameResult], rows: NDArray[np.int64]) -> list[Any]:
         frames = [results[row].frame for row in rows]

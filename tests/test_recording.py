@@ -45,6 +45,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     report = {
         "gaps": [[8, 8]],
         "shifts": [{"frame": 9, "axis": "pitch", "size": 0.3, "unit": "deg", "kind": "step"}],
+        "lidar_check": {
+            "shifts": [{"frame": 7, "axis": "roll", "size": 0.5, "unit": "deg", "kind": "step"}],
+        },
     }
     recorder.drive(
         results, DriveAnalysis(report, FilteredExtrinsics(values, covariance, states), poses), poses
@@ -92,6 +95,21 @@ def test_it_verifies_and_opens_arranged(recorded: Path) -> None:
     assert [path.name for path in recorded.parent.iterdir()] == [recorded.name]
 
 
+def test_every_view_of_the_blueprint_has_something_to_show(recorded: Path) -> None:
+    reader = rerun.chunk.RrdReader(str(recorded))
+    entities = {str(chunk.entity_path).strip("/") for chunk in reader.stream()}
+    origins, timelines = [], []
+    for chunk in reader.stream(store=reader.blueprints()[0]):
+        table = chunk.to_record_batch().to_pydict()
+        origins += [origin for (origin,) in table.get("ViewBlueprint:space_origin", [])]
+        timelines += [name for (name,) in table.get("TimePanelBlueprint:timeline", [])]
+    assert len(origins) == 7
+    assert timelines == ["frame"]
+    for origin in origins:
+        path = origin.strip("/")
+        assert any(entity == path or entity.startswith(f"{path}/") for entity in entities), origin
+
+
 def test_every_frame_is_there_and_failed_ones_show_no_road(recorded: Path) -> None:
     every = list(range(3, 3 + COUNT))
     assert frames(recorded, "/world/camera/image") == every
@@ -117,6 +135,7 @@ def test_numbers_come_back(recorded: Path) -> None:
     events = " ".join(str(text) for text in column(recorded, "/events", "TextLog:text"))
     assert "DARK, mean grey 3" in events
     assert "step of pitch by +0.300 deg" in events
+    assert "LiDAR: step of roll by +0.500 deg" in events
 
 
 def test_road_and_horizon_agree_with_the_geometry() -> None:
