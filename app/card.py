@@ -146,7 +146,7 @@ def card_html(snapshot: Snapshot) -> str:
     )
     return (
         '<div style="margin:0.2em 0.5em 0.4em;padding:0.5em 0.7em;border-radius:6px;font-size:0.85em;'
-        f'line-height:1.5;border:1px solid {palette.css(palette.RULE)};background:rgba(128,128,128,0.08)">'
+        f'line-height:1.5;border:1px solid rgba(128,128,128,0.45);background:rgba(128,128,128,0.08)">'
         f'<div style="font-weight:700;margin-bottom:0.25em">{html.escape(title)}</div>'
         f'<table style="border-spacing:0;width:100%;vertical-align:top">{"".join(_row(r, wide) for r in rows)}'
         f"</table>{note}</div>"

@@ -61,11 +61,13 @@ def from_frame(done: Done, first: int) -> Done:
     """A frame of a run that began at frame `first`, numbered from there."""
     if first == 0:
         return done
-    result = done.result
+    result, memory = done.result, done.memory
+    if memory.tracked is not None:
+        memory = replace(memory, tracked=memory.tracked - first)
     tracks = (
         None if result.tracks is None else replace(result.tracks, previous=result.tracks.previous - first)
     )
-    return replace(done, result=replace(result, frame=result.frame - first, tracks=tracks))
+    return replace(done, result=replace(result, frame=result.frame - first, tracks=tracks), memory=memory)
 
 
 UNKNOWN_CAMERA = StereoCamera(1226, 370, 707.09, 601.89, 183.11, 0.537)

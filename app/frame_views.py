@@ -154,7 +154,11 @@ class FrameViews:
         """Make views in the background that will be asked for soon; what was asked for last time is forgotten."""
         for future in self._ahead:
             future.cancel()
-        self._ahead = [self._makers.submit(self.get, index, layout, live) for index, live in wanted]
+        try:
+            self._ahead = [self._makers.submit(self.get, index, layout, live) for index, live in wanted]
+        except RuntimeError:
+            # Closed meanwhile: the page that asked is on its way out.
+            self._ahead = []
 
     def close(self) -> None:
         """Make nothing more ahead."""

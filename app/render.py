@@ -80,11 +80,12 @@ def draw_road(
     slope, row = horizon(camera, extrinsics)
     u = np.array([0.0, camera.width - 1.0])
     line = np.stack([u, row + slope * (u - camera.cx_px)], axis=1)
-    canvas.polyline(picture, _scaled(line, scale), palette.HORIZON, 3)
+    horizon_color = palette.HORIZON if labels else color
+    canvas.polyline(picture, _scaled(line, scale), horizon_color, 3)
     u_vp, v_vp = vanishing_point_of_travel(camera, extrinsics)
     x_px, y_px = _scaled(np.array([u_vp, v_vp]), scale)
     if 0 <= x_px < picture.shape[1] and 0 <= y_px < picture.shape[0]:
-        cv2.drawMarker(picture, (int(x_px), int(y_px)), palette.HORIZON, cv2.MARKER_CROSS, 22, 3, cv2.LINE_AA)
+        cv2.drawMarker(picture, (int(x_px), int(y_px)), horizon_color, cv2.MARKER_CROSS, 22, 3, cv2.LINE_AA)
 
 
 def left_view(

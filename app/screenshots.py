@@ -17,11 +17,18 @@ from typing import Any
 from app.chromium import FLAGS, find_browser
 from app.hub import Hub
 from app.secure import stop_server
-from app.server import start
+from app.server import Opening, start
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.tolerance import Tolerance
 
 SIZES = ((1600, 900), (1280, 720))
-DRIVE = "synthetic:town?frames=120&fault=night@70-76&fault=knock:pitch=0.5@95"
+DRIVE = "synthetic:town?frames=120&fault=night@40-46&fault=knock:pitch=0.5@80"
+LIMITS = {
+    "height_m": Tolerance(1.65, 0.03),
+    "pitch_deg": Tolerance(0.8, 0.3),
+    "roll_deg": Tolerance(-0.4, 0.3),
+    "yaw_deg": Tolerance(-0.3, 0.2),
+}
 SETTLE_S = 2.5
 
 
@@ -48,15 +55,17 @@ def debug(hub: Hub, _page: Any) -> None:
 
 
 def paths(hub: Hub, page: Any) -> None:
-    """The whole drive with its paths."""
+    """The whole drive with its paths, from above."""
     hub.shared.header.choose("Inspect")
-    hub.shared.playback.seek(119)
+    hub.shared.playback.seek(len(hub.shared.session.source) - 1)
     page.get_by_role("tab", name="Paths", exact=True).click(force=True)
     page.get_by_role("tab", name="Path errors", exact=True).click(force=True)
+    hub.shared.set_follow(False)
 
 
-def light(_hub: Hub, page: Any) -> None:
+def light(hub: Hub, page: Any) -> None:
     """The light theme."""
+    hub.shared.set_follow(True)
     page.get_by_role("tab", name="Guide", exact=True).click(force=True)
     page.get_by_role("tab", name="Time line", exact=True).click(force=True)
     if not page.get_by_label("Light theme").is_visible():
@@ -123,7 +132,7 @@ def main() -> int:
     if arguments.browser is None:
         raise ConfigError("no Chromium or Chrome", "screenshots", "install one, or name it with --browser")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    hub = start(arguments.source, port=0)
+    hub = start(arguments.source, port=0, opening=Opening(limits=LIMITS))
     hub.shared.playback.play(False)
     hub.shared.session.wait(1800.0)
     for path in take(hub, arguments.out, arguments.browser):

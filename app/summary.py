@@ -68,7 +68,9 @@ def path_table(paths: PathState) -> str:
     if not rows:
         return note("The paths appear as soon as some frames are computed.")
     colors = {name: palette.VARIANT[key] for key, name in palette.VARIANT_NAME.items()}
-    return numbers_table("Where each path ends", ("", "length m", "error m", "%", "turn °"), rows, colors)
+    return numbers_table(
+        "Where each path ends [m, %, °]", ("", "length", "error", "%", "heading"), rows, colors
+    )
 
 
 def difference_table(difference: Mapping[str, Any]) -> str:

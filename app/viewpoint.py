@@ -31,8 +31,8 @@ def overview(positions: NDArray[np.float64]) -> Viewpoint:
         return FOLLOWING
     low, high = known.min(axis=0), known.max(axis=0)
     middle, size = (low + high) / 2, max(float((high - low).max()), 20.0)
-    position = middle + size * np.array([0.0, -1.25, -0.75])
-    look_at = middle + size * np.array([0.0, 0.0, -0.35])
+    position = middle + size * np.array([0.0, -1.6, -1.0])
+    look_at = middle + size * np.array([0.0, 0.0, -0.55])
     return Viewpoint(_point(position), _point(look_at), max(1000.0, 6.0 * size))
 
 

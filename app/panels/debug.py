@@ -49,7 +49,7 @@ def checks_html(checks: tuple[Check, ...]) -> str:
             value = f'<b style="color:{color}">{value}</b>'
         rows.append(
             f"<tr><td>{name}</td><td style='text-align:right;white-space:nowrap'>{value}</td>"
-            f"<td style='text-align:right;white-space:nowrap;opacity:0.7'>{limit}</td></tr>"
+            f"<td style='text-align:right;white-space:nowrap;opacity:0.7;padding-left:0.8em'>{limit}</td></tr>"
         )
     head = "<tr style='opacity:0.7'><td>number</td><td style='text-align:right'>value</td>"
     head += "<td style='text-align:right'>limit</td></tr>"

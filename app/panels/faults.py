@@ -53,8 +53,9 @@ def faults_of(spec: str) -> list[str]:
 def same_before(faults: list[str]) -> int:
     """The first frame that any of these faults changes."""
     found = [parse_fault(fault) for fault in faults]
-    # A ramp is built into the road, and seen long before it is reached.
-    return min((0 if fault.kind == "ramp" else fault.first for fault in found), default=0)
+    # A ramp is built into the road, and seen long before it is reached; the exposure of the frame before a knock
+    # ends on the way to it.
+    return min((0 if fault.kind == "ramp" else max(0, fault.first - 1) for fault in found), default=0)
 
 
 class FaultsPanel:

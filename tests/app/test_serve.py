@@ -29,15 +29,18 @@ def test_serves_until_interrupted(kitti_06: Path, host: str) -> None:
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
-    assert process.stdout is not None
-    line = process.stdout.readline().strip()
-    assert line.startswith("http://127.0.0.1:")
-    with urllib.request.urlopen(line, timeout=10) as answer:
-        assert answer.status == 200
-        assert b"<html" in answer.read().lower()
-    process.send_signal(signal.SIGINT)
-    begin = time.monotonic()
-    out, err = process.communicate(timeout=20)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline().strip()
+        assert line.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(line, timeout=30) as answer:
+            assert answer.status == 200
+            assert b"<html" in answer.read().lower()
+        process.send_signal(signal.SIGINT)
+        begin = time.monotonic()
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert process.returncode == 130, err
     assert time.monotonic() - begin < 8.0
     assert out == ""
