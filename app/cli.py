@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from app.arguments import build_parser
 from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.installed_code import use_installed_code
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_UNTRUSTED, EXIT_INTERRUPTED = 0, 2, 3, 130
 
@@ -17,6 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line's exit code; errors are one line on stderr."""
     try:
         arguments = build_parser().parse_args(argv)
+        use_installed_code()
         from app import commands
 
         warning = commands.COMMANDS[arguments.command](arguments)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-import sys
 import threading
 import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stereocalib_core.user_cache import user_cache
 
 LIMIT_BYTES = 2 * 1024**3
 _MAGIC = b"SCF1"
@@ -27,17 +28,8 @@ Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32] | Non
 
 
 def cache_folder() -> Path:
-    """The folder for rendered frames: STEREOCALIB_CACHE, or the platform's place for a user's caches."""
-    override = os.environ.get("STEREOCALIB_CACHE")
-    if override:
-        return Path(override) / "synthetic"
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "stereocalib" / "synthetic"
+    """The folder for rendered frames."""
+    return user_cache() / "synthetic"
 
 
 class FrameCache:
