@@ -81,10 +81,10 @@ class ProfileConfig:
     roll_trials: int = 40
     correlated_cells: float = 12.0
     """Neighbouring cells share their error: so many count as one."""
-    systematic_px: float = 0.08
-    """1 sigma of the profile's intercept that averaging does not remove: the matcher prefers whole disparities."""
-    systematic_height_fraction: float = 0.001
-    systematic_roll_rad: float = 1e-4
+    systematic_px: float = 0.6
+    """1 sigma of the profile's intercept that averaging does not remove: roads are cambered and twist."""
+    systematic_height_fraction: float = 0.005
+    systematic_roll_rad: float = 0.0012
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -116,35 +116,69 @@ class DirectConfig:
     near_m: float = 4.0
     far_m: float = 20.0
     lane_half_width_m: float = 1.75
-    patch_half_width_px: int = 9
+    """The lane that the plane is meant for: so far to the side, from `near_m` to `far_m`."""
+    fit_half_width_m: float = 2.4
+    """The road beside the lane helps to tell roll from camber, as far as this."""
+    uneven_beside: float = 0.008
+    """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
+    patch_half_width_px: int = 6
     patch_half_height_px: int = 3
-    iterations: int = 4
-    robust_rounds: int = 4
-    tukey: float = 4.0
+    pinhole_cells: int = 5
+    """Holes of the free map up to this size are not an edge."""
+    min_solid: float = 0.9
+    """Smaller shares of a patch on the free map: it hangs over an edge."""
+    iterations: int = 3
+    robust_rounds: int = 3
+    tukey: float = 4.5
     """Residuals beyond so many robust sigmas are rejected."""
     min_scale: float = 0.7
+    min_chi2: float = 0.6
+    """Residuals smaller than their noise make no fit surer than this share of its variance."""
     noise_floor_px: float = 0.01
     initial_unevenness_m: float = 0.004
     max_unevenness_m: float = 0.008
     """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""
     uneven_length_m: float = 1.5
     """Road heights closer than this rise and fall together."""
-    max_bend_m: float = 0.03
-    """Largest bend of the lane across or along, and twist, 1 sigma."""
-    min_bend_m: float = 0.0005
-    bend_significance: float = 8.0
-    """A bend counts as far as its square exceeds so many times its variance."""
-    unmodelled_along: float = 0.3
-    """Of what the lane bends and of its unevenness, the share that neither plane nor bends describe, 1 sigma."""
-    unmodelled_across: float = 0.12
-    covariance_factor: float = 1.0
+    min_bend_m: float = 0.0003
+    max_bend_m: float = 0.02
+    bend_sizes: int = 7
+    """Camber and twist are tried at so many sizes between the smallest and the largest, 1 sigma."""
+    bend_reluctance: float = 0.5
+    """A size is expected beforehand in proportion to its inverse to this power: most roads are nearly flat."""
+    further_bend_m: float = 0.0003
+    further_per_twist: float = 1.1
+    further_per_roughness: float = 0.9
+    """How large the bends are that are not fitted, 1 sigma: at least this, and with twist and roughness."""
     min_patches: int = 40
     agree_height_m: float = 0.06
     rough_range_m: float = 12.0
-    max_roughness_m: float = 0.0225
+    max_roughness_m: float = 0.023
     """Rms height over the plane up to `rough_range_m`; more (a speed hump at the bumper): NOT_PLANAR."""
     min_agreement: float = 0.75
     """A smaller share of the lane's patches within `agree_height_m`: NOT_PLANAR."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RoadPointsConfig:
+    """The road by the tracked points on it, and when the filter leans on that."""
+
+    near_m: float = 4.0
+    far_m: float = 20.0
+    lane_half_width_m: float = 1.75
+    min_points: int = 20
+    noise_px: float = 0.15
+    unevenness_m: float = 0.004
+    road_height_m: float = 1.65
+    """A camera about this high: how much of an uneven road shows in a disparity."""
+    alike: float = 4.0
+    """So many neighbouring points count as one."""
+    correlation: float = 0.5
+    """Of the errors of the points and of the pair's own estimate."""
+    min_share: float = 0.8
+    """The points are used where they are so much surer that they would count for this share."""
+    gate: float = 3.0
+    """Contradiction, in sigmas of both, by which neither is believed."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -172,6 +206,7 @@ class FilterConfig:
     gate_angle_deg: float = 0.45
     recovery_frames: int = 2
     """Gated so often in a row, the filter believes that the mount has moved."""
+    road_points: RoadPointsConfig = RoadPointsConfig()
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -216,7 +251,7 @@ class LimitsConfig:
     max_roll_rad: float = 0.1745
     max_height_sigma_m: float = 0.08
     max_pitch_sigma_rad: float = 0.0105
-    max_roll_sigma_rad: float = 0.0105
+    max_roll_sigma_rad: float = 0.0175
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -246,7 +281,7 @@ class ShiftAlarmConfig:
 
     least_angle_deg: float = 0.15
     least_height_m: float = 0.015
-    threshold: float = 4.9
+    threshold: float = 5.5
     """A step must be so many times its standard deviation."""
     noise_angle_deg: float = 0.015
     """Least 1 sigma of what one frame brings that the frames before it did not show."""

@@ -216,8 +216,8 @@ def estimate_road(left: Grey, right: Grey, camera: StereoCamera, config: Pipelin
     attempt.values.update(road=road, free_fraction=free_fraction)
 
     if config.method == "direct":
-        settings = dataclasses.replace(config.direct, far_m=min(config.direct.far_m, far_m))
-        direct = fit_direct(left, right, camera, extrinsics, road, disparity.step_px, settings)
+        reach_m = min(config.direct.far_m, far_m)
+        direct = fit_direct(left, right, camera, extrinsics, road, disparity.step_px, reach_m, config.direct)
         attempt.values["direct"] = direct
         attempt.lap("direct")
         if direct is None:

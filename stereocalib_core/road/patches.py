@@ -18,16 +18,21 @@ def lay_patches(
     cy: float,
     b: float,
     plane: Float,
-    camera_height: float,
     half_u: int,
     half_v: int,
     near: float,
     far: float,
     half_lane: float,
     allowed: NDArray[np.bool_],
+    solid_sums: NDArray[np.int32],
     step: int,
+    min_solid: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
-    """Centres u, v (N,) and road distance (N,) of a tiling of the lane; `allowed` is on the disparity grid."""
+    """Centres u, v (N,) and road distance (N,) of a tiling of the lane; `allowed` is on the disparity grid.
+
+    A patch's centre is allowed, and so is at least `min_solid` of it once pinholes are closed (`solid_sums`:
+    sums of that mask), or it would hang over a kerb.
+    """
     us, vs, zs = [], [], []
     rows, columns = allowed.shape
     for v in range(height - 3 - half_v, int(half_v) + 2, -(2 * half_v + 1)):
@@ -48,7 +53,15 @@ def lay_patches(
             if u - half_u - 2 < 0 or u + half_u + 3 > width or u - d - half_u - 4 < 0:
                 continue
             i, j = min(v // step, rows - 1), min(u // step, columns - 1)
-            if allowed[i, j]:
+            top, bottom = (v - half_v) // step, min((v + half_v) // step + 1, rows)
+            first, last = (u - half_u) // step, min((u + half_u) // step + 1, columns)
+            solid = (
+                solid_sums[bottom, last]
+                - solid_sums[top, last]
+                - solid_sums[bottom, first]
+                + solid_sums[top, first]
+            )
+            if allowed[i, j] and solid >= min_solid * (bottom - top) * (last - first):
                 us.append(u)
                 vs.append(v)
                 zs.append(z)
@@ -63,13 +76,17 @@ def align(
     cy: float,
     shift: float,
     plane: Float,
+    above: Float,
     us: NDArray[np.int64],
     vs: NDArray[np.int64],
     half_u: int,
     half_v: int,
     sums: Float,
 ) -> None:
-    """Per patch the sums of products of gradients and difference, (N, 6): uu, uv, vv, ur, vr, rr; uu = 0: nothing seen.
+    """Right against left over the plane, patch p at `above[p]` [px] over it.
+
+    Gives per patch the sums of products of gradients and difference, (N, 6): uu, uv, vv, ur, vr, rr; all 0:
+    nothing seen.
 
     The right image is read between its pixels by cubic convolution along the row. The gradient along u is
     the mean of left and warped right, which takes the noise of either out of the other's step; along v it
@@ -83,7 +100,7 @@ def align(
         mean_l = mean_r = 0.0
         for a in range(n_v):
             v = v0 + a - half_v
-            base = plane[0] * (v - cy) + plane[2] + shift
+            base = plane[0] * (v - cy) + plane[2] + above[p] + shift
             for c in range(n_u + 2):
                 u = u0 + c - half_u - 1
                 x = u - (base + plane[1] * (u - cx))

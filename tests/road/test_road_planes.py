@@ -66,7 +66,9 @@ def test_direct_is_a_hundredth_of_a_degree(clean: dict[str, np.ndarray]) -> None
 def test_sigma_means_something(clean: dict[str, np.ndarray], method: str) -> None:
     ratio = np.abs(clean[method]) / clean[method + "_sigma"]
     within = np.mean(ratio < 1.0)
-    assert 0.55 <= within <= 0.85, f"{within:.0%} of the errors within one sigma"
+    # sigma of `direct` allows for how roads bend: on a perfect plane that is room to spare
+    assert 0.55 <= within <= (0.85 if method == "paper" else 0.97), f"{within:.0%} within one sigma"
+    assert np.sqrt(np.mean(ratio**2)) > 0.4
     assert np.mean(ratio < 2.0) >= 0.9
 
 

@@ -1,0 +1,125 @@
+"""What a lane's surface is besides a plane: the bends that are fitted, and those that are not.
+
+Roads are cambered and they twist. Both bends have mean zero and no slope over the whole lane ahead, so the
+plane that is left is the least-squares plane of that surface, however unevenly the picture samples it. How
+large they may be is not known beforehand: the fit is averaged over a ladder of sizes, each weighted by how
+well it explains the lane (its evidence). A flat road keeps its precision, a cambered one its plane, and
+nothing jumps in between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import DirectConfig
+
+Float = NDArray[np.float64]
+
+SLOTS = 3
+"""The first so many unknowns are the plane's; the bends follow."""
+
+
+@dataclass(frozen=True)
+class LaneFit:
+    """solution (5,): change of the plane's parameters, then the bends [m]; covariance (5, 5) from the residuals found.
+
+    gain (5, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px].
+    """
+
+    solution: Float
+    covariance: Float
+    gain: Float
+    robust: Float
+    residual: Float
+
+
+def _normal(x_m: Float, z_m: Float, config: DirectConfig) -> tuple[Float, Float]:
+    """Across and along, -1...1 over the lane."""
+    middle, half = 0.5 * (config.far_m + config.near_m), 0.5 * (config.far_m - config.near_m)
+    return x_m / config.lane_half_width_m, (z_m - middle) / half
+
+
+def bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
+    """(N, 2) height of camber and twist of 1 m at road points."""
+    x, z = _normal(x_m, z_m, config)
+    return np.column_stack([x * x - 1.0 / 3.0, x * z])
+
+
+def further_bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
+    """(N, 4) height of the bends that are not fitted, 1 m each: along the lane, and the next orders of all three."""
+    x, z = _normal(x_m, z_m, config)
+    xx, zz = x * x - 1.0 / 3.0, z * z - 1.0 / 3.0
+    return np.column_stack([zz, x * zz, xx * z, z**3 - 0.6 * z])
+
+
+def _tukey(residual: Float, limit: float) -> Float:
+    return np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
+
+
+def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> LaneFit:
+    """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 5).
+
+    Raises LinAlgError when the patches do not fix a plane.
+    """
+    unknowns = J.shape[1]
+    loose = np.diag(np.r_[np.zeros(SLOTS), np.full(unknowns - SLOTS, config.max_bend_m**-2.0)])
+    x = np.zeros(unknowns)
+    for _ in range(config.robust_rounds):
+        residual = (offset - J @ x) / np.sqrt(variance)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), config.min_scale)
+        robust = _tukey(residual, config.tukey * scale)
+        weighted = (J * (robust / variance)[:, None]).T
+        H = weighted @ J
+        x = np.linalg.solve(H + loose, weighted @ offset)
+    residual = offset - J @ x
+    chi2 = float(np.sum(robust * residual**2 / variance) / np.sum(robust))
+    scaled = weighted / max(chi2, config.min_chi2)
+    A, b = scaled @ J, scaled @ offset
+
+    sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
+    prior = np.zeros((len(sizes), unknowns, unknowns))
+    free = np.arange(SLOTS, unknowns)
+    prior[:, free, free] = sizes[:, None] ** -2.0
+    inverse = np.linalg.inv(A + prior)
+    solutions = inverse @ b
+    log_evidence = (
+        0.5 * solutions @ b
+        + 0.5 * np.linalg.slogdet(inverse)[1]
+        - (unknowns - SLOTS + config.bend_reluctance) * np.log(sizes)
+    )
+    share = np.exp(log_evidence - log_evidence.max())
+    share /= share.sum()
+    solution = share @ solutions
+    apart = solutions - solution
+    # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
+    average = np.einsum("k,kij->ij", share, inverse)
+    covariance = average + np.einsum("k,ki,kj->ij", share, apart, apart)
+    return LaneFit(solution, covariance, average @ scaled, robust, offset - J @ solution)
+
+
+def unmodelled_covariance(
+    fit: LaneFit, px_per_m: Float, further: Float, rough_m: float, config: DirectConfig
+) -> Float:
+    """(5, 5) of what bends further than the fitted ones do to the solution.
+
+    px_per_m: (N,) pixels of disparity per metre of height. Their size follows from what the lane shows of
+    its character: how it twists and how rough it is left.
+    """
+    twist = fit.solution[SLOTS + 1]
+    size = np.sqrt(
+        config.further_bend_m**2
+        + (config.further_per_twist * twist) ** 2
+        + (config.further_per_roughness * rough_m) ** 2
+    )
+    response = fit.gain @ (further * px_per_m[:, None]) * size
+    return response @ response.T
+
+
+def left_roughness(noise_m: Float, height_m: Float) -> float:
+    """Rms height [m] left over plane and bends that the patches' noise (N,) [m] does not explain."""
+    weight = 1.0 / (noise_m**2 + 0.003**2)
+    excess = np.minimum(height_m**2, 0.03**2) - noise_m**2
+    return float(np.sqrt(max(np.sum(weight * excess) / weight.sum(), 0.0)))
