@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +20,7 @@ from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, transform
-from stereocalib_core.recording import Recorder, horizon_line, road_grid
+from stereocalib_core.recording import Recorder, _listening, horizon_line, road_grid
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, RoadEstimate
 from stereocalib_core.run import run_drive
 
@@ -168,3 +172,30 @@ def test_a_viewer_that_cannot_start_is_one_clear_line(
     monkeypatch.setattr("stereocalib_core.recording.sys.executable", "/bin/false")
     with pytest.raises(OutputError, match="use --rrd instead"):
         Recorder(CAMERA, DisparityConfig(), "test", None)
+
+
+def test_a_viewer_that_listens_is_sent_the_whole_run(
+    tmp_path: Path, kitti_03: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In place of a window, Rerun's own server that saves what it is sent."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    path = tmp_path / "shown.rrd"
+    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port), "--save", str(path)]
+    viewer = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    monkeypatch.setattr("stereocalib_core.recording.VIEWER_PORT", port)
+    monkeypatch.setattr("stereocalib_core.recording.VIEWER_URL", f"rerun+http://127.0.0.1:{port}/proxy")
+    try:
+        deadline = time.monotonic() + 60
+        while not _listening() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        run_drive(str(kitti_03), tmp_path / "out", (20, 23), rerun=True)
+        time.sleep(1.0)
+    finally:
+        os.killpg(viewer.pid, signal.SIGINT)
+        viewer.wait(30)
+    assert not (tmp_path / "out" / "recording.rrd").exists()
+    assert frames(path, "/world/camera/image") == [20, 21, 22]
+    assert frames(path, "/world/camera") == [20, 21, 22]
