@@ -81,10 +81,10 @@ class ProfileConfig:
     roll_trials: int = 40
     correlated_cells: float = 12.0
     """Neighbouring cells share their error: so many count as one."""
-    systematic_px: float = 0.6
-    """1 sigma of the profile's intercept that averaging does not remove: roads are cambered and twist."""
-    systematic_height_fraction: float = 0.005
-    systematic_roll_rad: float = 0.0012
+    systematic_px: float = 0.08
+    """1 sigma of the profile's intercept that averaging does not remove: the matcher prefers whole disparities."""
+    systematic_height_fraction: float = 0.001
+    systematic_roll_rad: float = 1e-4
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -173,12 +173,16 @@ class RoadPointsConfig:
     """A camera about this high: how much of an uneven road shows in a disparity."""
     alike: float = 4.0
     """So many neighbouring points count as one."""
-    correlation: float = 0.5
+    correlation: float = 0.3
     """Of the errors of the points and of the pair's own estimate."""
-    min_share: float = 0.8
+    min_share: float = 0.7
     """The points are used where they are so much surer that they would count for this share."""
     gate: float = 3.0
     """Contradiction, in sigmas of both, by which neither is believed."""
+    dense_height_m: float = 0.008
+    """What the camber and twist of real roads add to the errors of the method `paper`, 1 sigma."""
+    dense_pitch_deg: float = 0.05
+    dense_roll_deg: float = 0.07
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -328,7 +332,7 @@ class RoadCheckConfig:
     limit_height_m: float = 0.04
     """A calibration whose residual lies beyond the limits by `certain_sigmas` raises the alarm."""
     limit_pitch_deg: float = 0.25
-    limit_roll_deg: float = 0.4
+    limit_roll_deg: float = 0.5
     certain_sigmas: float = 3.0
     least_height_m: float = 0.025
     """Smaller steps are not reported."""

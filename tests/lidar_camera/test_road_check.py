@@ -250,8 +250,8 @@ def test_a_wrong_calibration_is_said_from_the_start() -> None:
 
 
 def test_an_offset_within_its_own_doubt_is_no_alarm() -> None:
-    """0.45 deg of roll is beyond the limit of 0.4, but not by three sigmas."""
-    found = check(drive(12, 3, step(2, np.deg2rad(0.45), 0)), CONFIG)
+    """0.55 deg of roll is beyond the limit of 0.5, but not by three sigmas."""
+    found = check(drive(12, 3, step(2, np.deg2rad(0.55), 0)), CONFIG)
     assert found is not None and found.shifts == ()
 
 
