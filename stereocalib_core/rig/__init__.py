@@ -8,11 +8,13 @@ def warm_up() -> None:
     import numpy as np
 
     from stereocalib_core.rig.body_filter import RigFilter
+    from stereocalib_core.rig.road_points import fit_plane
     from stereocalib_core.rig.row_matches import row_matches
     from stereocalib_core.rig.vanishing_point import vanishing_points
 
     image = np.random.default_rng(0).integers(0, 255, (96, 160), dtype=np.uint8)
     row_matches(image, image, -8.0, 16.0)
+    fit_plane(np.random.default_rng(0).uniform(0.1, 0.4, (3, 30)), np.ones(30))
     rig = RigFilter()
     for time_s in (0.0, 0.1):
         rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))

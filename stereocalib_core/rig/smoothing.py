@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import FilterConfig
+from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import FilteredExtrinsics, FrameResult
+from stereocalib_core.rig.road_points import lean_on, road_planes
 
 if TYPE_CHECKING:
     from stereocalib_core.rig.body_filter import FilterStep
@@ -17,8 +19,16 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def filter_drive(results: Sequence[FrameResult], config: FilterConfig | None = None) -> FilteredExtrinsics:
+def filter_drive(
+    results: Sequence[FrameResult],
+    config: FilterConfig | None = None,
+    camera: StereoCamera | None = None,
+    dense: bool = False,
+) -> FilteredExtrinsics:
     """The filtered extrinsics of a drive.
+
+    camera: with it, tracked road points count where they are surer. dense: the results are of the method
+    `paper`, whose stated covariance knows nothing of camber and twist.
 
     With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
     was predicted stays as it was predicted: later frames do not bridge a gap.
@@ -30,13 +40,9 @@ def filter_drive(results: Sequence[FrameResult], config: FilterConfig | None = N
     rig = RigFilter(config)
     steps: list[FilterStep] = []
     persistent: list[Floats] = []
-    for result in results:
-        if result.road is None:
-            steps.append(rig.step(result.timestamp_s, None, None))
-        else:
-            e = result.road.extrinsics
-            z = np.array([e.height_m, e.pitch_rad, e.roll_rad])
-            steps.append(rig.step(result.timestamp_s, z, result.road.covariance))
+    measured, covariances = _measured(results, config, camera, dense)
+    for result, z, R in zip(results, measured, covariances, strict=True):
+        steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
         persistent.append(rig.persistent)
     values = np.array([s.values for s in steps]).reshape(-1, 3)
     covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
@@ -48,6 +54,25 @@ def filter_drive(results: Sequence[FrameResult], config: FilterConfig | None = N
                 values[i] = x[:3] + x[3:6]
                 covariance[i] = measured_covariance(P) + persistent[i]
     return FilteredExtrinsics(values, covariance, tuple(s.state for s in steps))
+
+
+def _measured(
+    results: Sequence[FrameResult], config: FilterConfig, camera: StereoCamera | None, dense: bool
+) -> tuple[Floats, Floats]:
+    """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
+    values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
+    for i, result in enumerate(results):
+        if result.road is not None:
+            e = result.road.extrinsics
+            values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
+    c = config.road_points
+    if dense:
+        sigma = np.array([c.dense_height_m, *np.deg2rad([c.dense_pitch_deg, c.dense_roll_deg])])
+        covariance = covariance + np.diag(sigma**2)
+    if camera is None:
+        return values, covariance
+    points = road_planes(camera, results, c)
+    return lean_on(values, covariance, *points, c)
 
 
 def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:

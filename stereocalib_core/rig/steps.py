@@ -151,7 +151,7 @@ def find_step(
         return None
     found = [_likelihood(white, horizon) for horizon in horizons]
     scores = [np.abs(size) / sigma for size, sigma in found]
-    (size, sigma), score = found[-1], scores[-1]
+    size, score = found[-1][0], scores[-1]
     candidates = np.flatnonzero(usable & (score > threshold) & (np.abs(size) > least))
     by_witness = size if witness is None else _likelihood(_whiten(witness, calm, noise), horizons[-1])[0]
     for k in candidates[np.argsort(-score[candidates])][:_CANDIDATES].tolist():
