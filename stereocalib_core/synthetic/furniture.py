@@ -85,7 +85,7 @@ def templates(seed: int, first: int) -> tuple[tuple[NDArray[np.uint8], ...], dic
             rng, bark, leaves, float(rng.uniform(1.6, 2.6)), float(crown), float(tall), int(21 * crown)
         )
     kinds["bush"] = meshes.tree(rng, bark, leaves, 0.0, 0.9, 1.5, 22)
-    kinds["hedge"] = meshes.box((0.7, 1.25, 5.0), bush, 0.012)
+    kinds["hedge"] = meshes.box((0.7, 1.25, 5.0), bush, 0.007)
     kinds["wall"] = meshes.box((0.25, 0.95, 5.0), plaster, 0.03, 0.9)
     kinds["bin"] = meshes.box((0.6, 1.05, 0.6), plaster, 0.03, 0.35)
     kinds["lamp"] = meshes.join(

@@ -277,8 +277,12 @@ def car(side: int, top: int, front: int, rear: int, style: int) -> Mesh:
     for end, texture, out in ((0, rear, -1.0), (-1, front, 1.0)):
         ring = sides[end]
         left = ring * np.array([-1.0, 1.0, 1.0])
-        for k in range(len(ring) - 1):
-            corners = np.array([left[k], ring[k], ring[k + 1], left[k + 1]])
+        strips = [(left[k], ring[k], ring[k + 1], left[k + 1]) for k in range(len(ring) - 1)]
+        # and up to the bow of the bonnet or the boot
+        level = np.stack([roof[end, :, 0], np.full(5, shoulder[end, 1]), roof[end, :, 2]], axis=1)
+        strips += [(level[k], level[k + 1], roof[end, k + 1], roof[end, k]) for k in range(4)]
+        for strip in strips:
+            corners = np.array(strip)
             uv_end = np.stack([128 + corners[:, 0] * 100, 255 + corners[:, 1] * 100], axis=1)
             meshes.append(quad(corners, uv_end, texture, 1.0, np.array([0.0, 0.0, out])))
     return join(meshes)

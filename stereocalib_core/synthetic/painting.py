@@ -143,13 +143,14 @@ def hedge(rng: np.random.Generator) -> Grey:
     """Leaves without holes, for hedges and bushes."""
     n = 256
     light = np.full((n, n), 34, np.float64)
-    spots, tones = rng.integers(0, n, (5200, 2)), np.clip(rng.normal(94, 50, 5200), 12, 250)
+    spots, tones = rng.integers(0, n, (5200, 2)), np.clip(rng.normal(88, 38, 5200), 12, 250)
     for (x, y), tone in zip(spots.tolist(), tones.tolist(), strict=True):
         # what sticks out on one side comes in on the other
         for dx in (0, n) if x < 6 else (0, -n) if x > n - 6 else (0,):
             for dy in (0, n) if y < 6 else (0, -n) if y > n - 6 else (0,):
                 cv2.ellipse(light, (x + dx, y + dy), (4, 2), x * 7.0, 0, 360, tone, -1)
-    return to_grey(light)
+    # shoots stand out from the shade between them
+    return to_grey(light + tileable_noise((n, n), [(20, 9), (60, 12)], np.random.default_rng(n)))
 
 
 def grass(rng: np.random.Generator) -> Grey:
