@@ -63,6 +63,9 @@ class BoundedCache(Generic[T]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._values
+
 
 @dataclass(frozen=True)
 class FrameStages:
@@ -149,6 +152,10 @@ class FrameViews:
             return FrameView(index, canvas.encode_jpeg(picture), points, colors, small_picture(seen.frame))
 
         return self._views.get((index, layout, live), make)
+
+    def has(self, index: int, layout: str, live: Extrinsics | None = None) -> bool:
+        """Whether `get` would answer at once."""
+        return (index, layout, live) in self._views
 
     def make_ahead(self, wanted: Sequence[tuple[int, Extrinsics | None]], layout: str) -> None:
         """Make views in the background that will be asked for soon; what was asked for last time is forgotten."""

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger(__name__)
 TICKS_AHEAD = 4
+CHOICES = 8
+"""So many frames back a picture is taken that is ready rather than one that must be made first."""
 
 
 class Page:
@@ -59,6 +61,7 @@ class Page:
             lambda: len(session.snapshot.results),
             lambda: session.snapshot.failures(),
             self._tick,
+            self._choose,
         )
         with api.atomic():
             self.views = ViewsPanel(self)
@@ -231,6 +234,15 @@ class Page:
         self.api.flush()
         self._last = key
         self._make_ahead(settings)
+
+    def _choose(self, after: int, due: int) -> int:
+        """The newest frame up to the one that is due whose picture is made already, else the due one."""
+        settings = self.settings
+        views = self.session.views_with(settings.broken_stage)
+        for frame in range(due, max(after, due - CHOICES), -1):
+            if views.has(frame, settings.layout, self._live_road(frame, settings)):
+                return frame
+        return due
 
     def _make_ahead(self, settings: Settings) -> None:
         """While playing, have the next pictures made while this one travels."""

@@ -34,7 +34,8 @@ class Playback:
     """Plays `total` frames at `timestamps_s`; `available()` frames can be played so far.
 
     `failures()` gives the failed frames known so far, ascending. `show(state)` is called from one worker
-    thread whenever the state changed, and every IDLE_S otherwise.
+    thread whenever the state changed, and every IDLE_S otherwise. While playing, `choose(after, due)` may name a
+    frame in after + 1 ... due that can be shown sooner than the one that is due.
     """
 
     def __init__(
@@ -43,11 +44,13 @@ class Playback:
         available: Callable[[], int],
         failures: Callable[[], NDArray[np.int64]],
         show: Callable[[ClockState], None],
+        choose: Callable[[int, int], int] = lambda _after, due: due,
     ) -> None:
         self._times = np.maximum.accumulate(np.nan_to_num(np.asarray(timestamps_s, dtype=np.float64)))
         self._available = available
         self._failures = failures
         self._show = show
+        self._choose = choose
         self._state = ClockState()
         self._anchor = (0.0, 0.0)
         self._wake = threading.Condition()
@@ -143,6 +146,8 @@ class Playback:
         due = media + (time.monotonic() - wall) * state.speed
         frame = max(state.frame, int(np.searchsorted(self._times, due + 1e-9, side="right")) - 1)
         ready = self._available() - 1
+        if state.frame < frame <= ready:
+            frame = self._choose(state.frame, frame)
         playing = True
         if state.pause_on_failure:
             ahead = self._failures()

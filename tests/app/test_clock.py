@@ -126,3 +126,22 @@ def test_play_at_the_end_starts_over(clock: Any) -> None:
     playback.seek(39)
     playback.toggle()
     until(lambda: 0 < playback.state.frame < 10)
+
+
+def test_while_playing_a_frame_that_is_ready_is_preferred() -> None:
+    shown: list[int] = []
+    playback = Playback(
+        np.arange(60) * 0.05,
+        lambda: 60,
+        lambda: np.zeros(0, dtype=np.int64),
+        lambda state: shown.append(state.frame),
+        lambda after, due: due if due % 2 == 0 or due - 1 <= after else due - 1,
+    )
+    playback.start()
+    playback.set_speed(2.0)
+    playback.play()
+    time.sleep(0.8)
+    playback.close()
+    assert len(shown) > 5
+    assert shown == sorted(shown)
+    assert sum(frame % 2 == 0 for frame in shown) > 0.7 * len(shown)
