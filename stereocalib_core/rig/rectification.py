@@ -106,10 +106,13 @@ def fit_rows(camera: StereoCamera, points: Floats) -> RectificationSample | None
         residual = dv - design @ solution
         scale = max(1.4826 * float(np.median(np.abs(residual))), 0.03)
         weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
-        normal = design.T @ (design * weights[:, None]) / scale**2 + prior
-        if np.linalg.cond(normal) > 1e8:
+        weighted = design.T * (weights / scale**2)
+        normal = weighted @ design + prior
+        if not np.linalg.det(normal) > 0.0:
             return None
-        solution = np.linalg.solve(normal, design.T @ (weights * dv) / scale**2)
+        solution = np.linalg.solve(normal, weighted @ dv)
+    if np.linalg.cond(normal) > 1e8:
+        return None
     # Neighbouring matches share what the model leaves out (lens distortion, their scene): four count as one.
     covariance = 4.0 * np.linalg.inv(normal)
     # Pixels to the three values: row offset [px], the pitch that explains it [rad], roll [rad].
