@@ -6,8 +6,9 @@ camera, a lever arm L ahead of the rear axle, sideways as well, so that
 
     azimuth = yaw + dpsi / 2 + L dpsi / z
 
-which is taken out: no road is straight to a hundredth of a degree. A second RANSAC over the pairs gives the
-yaw.
+which is taken out: no road is straight to a hundredth of a degree. A camera also sways sideways, by its height
+over the axis of roll, where the road begins to bank; that is taken out likewise. A second RANSAC over the pairs
+gives the yaw.
 """
 
 from __future__ import annotations
@@ -46,6 +47,10 @@ _BLOCK = 8
 _TURN_RAD, _TURN_PAIRS = 0.02, 8
 """So many pairs must turn by so much to show the lever arm."""
 _DEFAULT_LEVER_SIGMA_M = 0.3
+_SWAY_M, _SWAY_SIGMA_M = 1.2, 0.4
+"""Camera over the axis about which car and road roll: sideways motion per roll; and how far that may differ."""
+_PAIR_SIGMA = float(np.deg2rad(0.05))
+"""1 sigma of the yaw of one pair, for the weight of `_SWAY_M` against the drive's own."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,28 @@ class YawEstimate:
 def _sum_of_five(values: Array) -> Array:
     """(N,) of each value and its two neighbours on either side; also for fewer than five values."""
     return np.convolve(values, np.ones(5), "full")[2 : 2 + len(values)]
+
+
+def roll_per_metre(tracks: PackedTracks, distance_m: Array, usable: NDArray[np.bool_]) -> Array:
+    """(N,) how far the camera rolls to the right per metre of travel, over five pairs; 0 where unknown."""
+    # the rotation vector turns points, not the camera
+    roll = np.where(usable, -tracks.stereo_motion[:, 2], 0.0)
+    travel = _sum_of_five(np.where(usable, distance_m, 0.0))
+    return np.asarray(np.where(travel > 0.5, _sum_of_five(roll) / np.maximum(travel, 0.5), 0.0))
+
+
+def without_sway(values: Array, roll: Array) -> Array:
+    """(M,) yaw of pairs without the part that goes with (M,) roll per metre; the arm fitted robustly."""
+    arm, level = _SWAY_M, float(np.median(values))
+    for _ in range(10):
+        residual = values - level - arm * roll
+        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-7)
+        weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
+        level = float((weight * (values - arm * roll)).sum() / weight.sum())
+        prior = (max(spread, _PAIR_SIGMA) / _SWAY_SIGMA_M) ** 2
+        information = float((weight * roll * roll).sum())
+        arm = (float((weight * roll * (values - level)).sum()) + prior * _SWAY_M) / (information + prior)
+    return np.asarray(values - arm * roll)
 
 
 def straight_pairs(
@@ -158,6 +185,8 @@ def estimate_yaw(
         curvature = np.where(use, turn / np.where(use, distance, 1.0), 0.0)
     azimuth = np.arctan2(direction[:, 0], direction[:, 2])
     pairs = np.where(use, azimuth - 0.5 * turn - lever.value * curvature, np.nan)
+    if use.any():
+        pairs[use] = without_sway(pairs[use], roll_per_metre(tracks, distance, usable)[use])
     values = pairs[use]
     if len(values) < config.min_pairs:
         return refuse(

@@ -11,7 +11,7 @@ from simulated_tracks import CAMERA, LEVER_M, simulate
 from stereocalib_core.geometry import Extrinsics, vanishing_point_of_travel, yaw_from_vanishing_point
 from stereocalib_core.odometry.packing import pack
 from stereocalib_core.rig.vanishing_point import find_vanishing_point
-from stereocalib_core.rig.yaw import estimate_yaw, view
+from stereocalib_core.rig.yaw import estimate_yaw, view, without_sway
 
 
 def winding(count: int = 160) -> np.ndarray:
@@ -86,3 +86,15 @@ def test_figure_of_one_pair_shows_the_point_of_travel() -> None:
     assert np.rad2deg(exact) == pytest.approx(-0.3, abs=0.1)
     assert shown.inlier.sum() > 100
     assert len(shown.intersections) > 300
+
+
+def test_sway_where_the_road_begins_to_bank_is_taken_out() -> None:
+    rng = np.random.default_rng(3)
+    roll = np.deg2rad(0.1) * np.sin(np.arange(200) / 15.0)
+    values = np.deg2rad(-0.3) + 1.5 * roll + np.deg2rad(0.04) * rng.standard_normal(200)
+    assert np.rad2deg(np.std(values)) > 0.1
+    rest = without_sway(values, roll)
+    assert np.rad2deg(np.std(rest)) < 0.045
+    assert np.rad2deg(np.median(rest)) == pytest.approx(-0.3, abs=0.01)
+    # without any roll there is nothing to take out
+    np.testing.assert_array_equal(without_sway(values, np.zeros(200)), values)
