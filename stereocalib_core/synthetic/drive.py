@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,8 @@ _RAMP_AHEAD_M = 14.0
 class Drive:
     """The truth of a whole drive.
 
-    timestamps_s: (N,). T_world_camera: (N, 4, 4) of the left camera. extrinsics: (N, 4) height [m], pitch,
-    roll, yaw [rad] over the own lane's best-fit plane. s_m: (N,) where on the course the camera is.
+    timestamps_s: (N,). T_world_camera: (N, 4, 4) of the left camera. mount_yaw_rad: (N,) against the car.
+    s_m: (N,) where on the course the camera is.
     """
 
     settings: DriveSettings
@@ -37,8 +38,14 @@ class Drive:
     motion: Motion
     timestamps_s: Array
     T_world_camera: Array
-    extrinsics: Array
+    mount_yaw_rad: Array
     s_m: Array
+
+    @cached_property
+    def extrinsics(self) -> Array:
+        """(N, 4) height [m], pitch, roll, yaw [rad] over the plane of the own lane ahead."""
+        lever_arm_m = self.settings.lever_arm_m
+        return _truth(self.ground, self.s_m, self.T_world_camera, self.mount_yaw_rad, lever_arm_m)
 
     def __len__(self) -> int:
         return len(self.timestamps_s)
@@ -67,10 +74,8 @@ def plan_drive(settings: DriveSettings) -> Drive:
         T_world_camera = _vehicle_poses(ground, motion.s_m[:frames], settings) @ T_vehicle_camera
     else:
         T_world_camera = poses[:frames]
-    extrinsics = _truth(ground, s_camera, T_world_camera, mount[:, 3], settings.lever_arm_m)
-    return Drive(
-        settings, course, ground, motion, motion.time_s[:frames], T_world_camera, extrinsics, s_camera
-    )
+    times = motion.time_s[:frames]
+    return Drive(settings, course, ground, motion, times, T_world_camera, mount[:, 3], s_camera)
 
 
 def _built_in(name: str) -> tuple[Course, Motion]:

@@ -169,7 +169,7 @@ def fill(  # type: ignore[no-untyped-def]
         low, high = float(boxes[k, 0]), float(boxes[k, 1])
         tri = source[k]
         alpha = flags[tri] & FLAG_ALPHA
-        tex = textures[tri] + 1
+        tex = textures[tri] + (1 if alpha else 0)
         level = 0
         if alpha:
             # one level for the triangle: how many texels a pixel spans at its middle
