@@ -19,6 +19,7 @@ from stereocalib_core.evaluation import OdometryErrors, evaluate
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.lidar_camera.road_check import LidarCheck, check, who_moved
+from stereocalib_core.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
@@ -81,7 +82,10 @@ def analyse(
     yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m)
     yaw_measured = _yaw(yaw, known)
     lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
-    extrinsics = odometry_extrinsics(filtered, 0.0 if yaw_measured is None else yaw_measured.value)
+    odometry_yaw, yaw_reason = yaw_measured, yaw.reason
+    if odometry_yaw is None:
+        odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason)
+    extrinsics = odometry_extrinsics(filtered, 0.0 if odometry_yaw is None else odometry_yaw.value)
     paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
     truth = None if ground_truth is None else ground_truth.poses
     reliable = ground_truth is None or ground_truth.heading_reliable
@@ -99,7 +103,7 @@ def analyse(
         "mount": _mount_block(mount),
         "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
         "yaw_sigma_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.sigma)),
-        "yaw_reason": yaw.reason,
+        "yaw_reason": yaw_reason,
         "rectification": rectification.as_report(),
         "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
         "gaps": [[results[row].frame for row in gap] for gap in best.gaps],
@@ -119,6 +123,22 @@ def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
     if estimate.value_rad is None or estimate.sigma_rad is None:
         return None
     return Measured(estimate.value_rad, estimate.sigma_rad)
+
+
+def _yaw_of_path(
+    tracks: PackedTracks, filtered: FilteredExtrinsics, reason: str | None
+) -> tuple[Measured | None, str | None]:
+    """A yaw for the variants that need one where no straight shows it: that of an axle without side slip.
+
+    It makes the path agree with the model, so it is no measurement of the mount; the reason says what was used.
+    """
+    free = trajectory(tracks, odometry_extrinsics(filtered, 0.0), TrajectorySettings())
+    found = estimate_lever_and_yaw(free)
+    if found is None:
+        return None, reason
+    value, sigma = np.rad2deg([found.yaw_rad, found.yaw_sigma_rad])
+    used = f"the variants without side slip use {value:+.2f} +- {sigma:.2f} deg, at which the path fits them best"
+    return Measured(found.yaw_rad, found.yaw_sigma_rad), used if reason is None else f"{reason}; {used}"
 
 
 def _mount_block(rig: Rig) -> dict[str, Any]:
