@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.results import FrameResult, Measured, Rig
 from stereocalib_core.rig.explained import MotionSeries, remove_explained
+from stereocalib_core.rig.over_wheels import over_wheels
 from stereocalib_core.rig.shift_alarm import Shift
 
 Array = NDArray[np.float64]
@@ -28,7 +29,8 @@ def estimate_mount(
 ) -> Rig:
     """The rig as this drive leaves it, from each pair's own values.
 
-    With `motion` the means are of steady driving, with what acceleration explains taken out. After a step
+    With `motion` the means are of steady driving, over the road under the wheels where the path is known, with
+    what acceleration explains taken out. After a step
     among `shifts` only the frames since then count, axis by axis. Axes without any measurement are None.
     """
     values = np.full((len(results), 3), np.nan)
@@ -38,7 +40,9 @@ def estimate_mount(
             values[i] = e.height_m, e.pitch_rad, e.roll_rad
     steady = np.ones(len(results), dtype=bool)
     if motion is not None and len(results):
-        values = remove_explained(values, motion)
+        wheels = over_wheels(values, motion)
+        # A drive of a few metres never comes to where it saw the road.
+        values = remove_explained(wheels if np.isfinite(wheels).any() else values, motion)
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     axes = []
