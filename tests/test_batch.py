@@ -224,7 +224,9 @@ def test_the_bench_compares_bytes(tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name / "drive").mkdir(parents=True)
         (tmp_path / name / "drive" / "rig.yaml").write_text("yaw_deg: 1\n")
-        (tmp_path / name / "drive" / "report.json").write_text(name)
+        (tmp_path / name / "drive" / "report.json").write_text(json.dumps({"source": name, "frames": 5}))
     assert different_files(tmp_path / "one", tmp_path / "two") == []
     (tmp_path / "two" / "drive" / "rig.yaml").write_text("yaw_deg: 2\n")
     assert different_files(tmp_path / "one", tmp_path / "two") == ["drive/rig.yaml"]
+    (tmp_path / "two" / "drive" / "report.json").write_text(json.dumps({"source": "two", "frames": 6}))
+    assert different_files(tmp_path / "one", tmp_path / "two") == ["drive/report.json", "drive/rig.yaml"]
