@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import RectificationConfig
@@ -32,6 +33,9 @@ from stereocalib_core.rig.row_matches import RowMatches, row_matches
 Floats = NDArray[np.float64]
 Verdict = Literal["good", "suspect", "bad"]
 
+_KEYSTONE_RAD = float(np.deg2rad(0.5))
+"""A weak pull of the keystone to zero (so much of it is common, 1 sigma) keeps frames with matches in one half of
+the picture from trading it against the roll."""
 _BEHIND_PX = -4.0
 """Nothing that a camera sees has a disparity below this, whatever the last pixel of its calibration."""
 
@@ -89,6 +93,38 @@ class RectificationReport:
         }
 
 
+@njit(cache=True, nogil=True)
+def _robust_rows(design: Floats, dv: Floats, prior: float) -> tuple[Floats, Floats, Floats]:
+    """(3,) coefficients of (M, 3) `design` for (M,) rows, the (3, 3) normal matrix and (M,) weights; NaN = failed.
+
+    prior: inverse variance of the third one about zero.
+    """
+    m = len(dv)
+    weights, residual = np.ones(m), np.empty(m)
+    solution, normal, right = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    solution[0] = np.median(dv)
+    for _ in range(12):
+        for i in range(m):
+            residual[i] = dv[i]
+            for p in range(3):
+                residual[i] -= design[i, p] * solution[p]
+        scale = max(1.4826 * np.median(np.abs(residual)), 0.03)
+        normal[:], right[:] = 0.0, 0.0
+        normal[2, 2] = prior
+        for i in range(m):
+            weights[i] = 1.0 / (1.0 + (residual[i] / (2.0 * scale)) ** 2) ** 2
+            for p in range(3):
+                weighted = design[i, p] * weights[i] / scale**2
+                right[p] += weighted * dv[i]
+                for q in range(3):
+                    normal[p, q] += weighted * design[i, q]
+        if not np.linalg.det(normal) > 0.0:
+            solution[:] = np.nan
+            break
+        solution[:] = np.linalg.solve(normal, right)
+    return solution, normal, weights
+
+
 def fit_rows(camera: StereoCamera, points: Floats) -> RectificationSample | None:
     """Robust fit of the row model to (M, 4) left u, v, right u, v [px]; None where that fails."""
     f = camera.focal_px
@@ -96,22 +132,8 @@ def fit_rows(camera: StereoCamera, points: Floats) -> RectificationSample | None
     u, v = points[:, 2] - cx_right, points[:, 1] - camera.cy_px
     dv = points[:, 3] - points[:, 1]
     design = np.stack([1.0 + (v / f) ** 2, u / f, u * v / f**2], axis=1)
-    weights = np.ones(len(dv))
-    solution = np.array([np.median(dv), 0.0, 0.0])
-    scale = 0.0
-    # A weak pull of the keystone to zero (half a degree of it is common) keeps frames with matches in one
-    # half of the picture from trading it against the roll.
-    prior = np.diag([0.0, 0.0, 1.0 / (f * np.deg2rad(0.5)) ** 2])
-    for _ in range(12):
-        residual = dv - design @ solution
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.03)
-        weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
-        weighted = design.T * (weights / scale**2)
-        normal = weighted @ design + prior
-        if not np.linalg.det(normal) > 0.0:
-            return None
-        solution = np.linalg.solve(normal, weighted @ dv)
-    if np.linalg.cond(normal) > 1e8:
+    solution, normal, weights = _robust_rows(design, dv, 1.0 / (f * _KEYSTONE_RAD) ** 2)
+    if not np.isfinite(solution).all() or np.linalg.cond(normal) > 1e8:
         return None
     # Neighbouring matches share what the model leaves out (lens distortion, their scene): four count as one.
     covariance = 4.0 * np.linalg.inv(normal)
