@@ -1,9 +1,11 @@
 """Has the mount moved? Steps and slow drifts of height, pitch, roll and yaw, told from the body's own motion.
 
-What braking and cornering explain is taken out first (`explained`). What is left swings with the uneven road;
+Height, pitch and roll are taken over the road under the wheels (`over_wheels`), so that what the road does ahead
+is out of it, and freed of what braking and cornering explain (`explained`). What is left swings on the springs;
 a mount that was knocked moves from one frame to the next and stays. So each frame is tried as the onset of a
 step in the whitened series (`steps`), which must be many times its sigma, larger than a least size, and must
-last. Drift is looked for last, as one ramp over a long drive.
+last; and the road ahead must show it too, so that a slip of the odometry is no knock. For the yaw it is the jump
+of the camera's own heading (`yaw_steps`). Drift is looked for last, as one ramp over a long drive.
 
 A road shows height, pitch and roll, and with straight travel the yaw. A shift of the camera along x or z
 changes none of them and cannot be seen.
@@ -33,6 +35,7 @@ NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unc
 _HORIZONS = (15, 30, 60)
 """Frames after a shift by which it may be certain."""
 _MOST_STEPS = 6
+_STANDING_M_S = 1.0
 _BLOCK, _DRIFT_BLOCKS = 20, 10
 """Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
 
@@ -77,10 +80,12 @@ def find_shifts(
             e = r.road.extrinsics
             values[i] = e.height_m, e.pitch_rad, e.roll_rad
     steady = np.zeros(len(results), dtype=bool)
-    wheels = values
+    wheels = slow = values
     if motion is not None and len(results):
         wheels = remove_explained(over_wheels(values, motion), motion)
         values = remove_explained(values, motion)
+        # A standing car sees one scene, errors and all, again and again: no drift to judge by.
+        slow = np.where((np.abs(motion.speed) < _STANDING_M_S)[:, None], np.nan, values)
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
@@ -93,7 +98,7 @@ def find_shifts(
     shifts: list[Shift] = []
     for k, (axis, least, least_noise) in enumerate(axes):
         steps = _steps(wheels[:, k], values[:, k], steady, least, least_noise, config)
-        shifts += _axis_shifts(axis, frames, values[:, k], steps, least, least_noise, config)
+        shifts += _axis_shifts(axis, frames, slow[:, k], steps, least, least_noise, config)
     if pair_yaw_rad is not None and motion is not None:
         steps = find_yaw_steps(pair_yaw_rad, motion, config)
         noise = float(np.deg2rad(config.noise_yaw_deg))
