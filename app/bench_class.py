@@ -1,7 +1,7 @@
 """`python -m app.bench_class RUN_DIR`: a class on one page, half of it scrubbing on its own for a minute.
 
 Every browser is a WebSocket client. Reported: frames that arrived, frames that were not the wanted ones, lines on
-the server's stderr (exceptions would be there), and the server's memory before, half way and at the end.
+the server's stderr (exceptions would be there), and the server's memory from time to time.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from app.bench import Watcher, consistent
+from app.bench import PATIENCE_S, Watcher, consistent
+from app.raw_client import Received, frames_in
 
 BROWSERS = 20
 WARM_S = 20.0
+SAMPLES = 4
 
 
 @dataclass
@@ -29,6 +31,7 @@ class Tally:
 
     shown: int = 0
     late: int = 0
+    wrong: int = 0
     wait_s: list[float] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -39,12 +42,20 @@ def student(watcher: Watcher, seed: int, total: int, stop: threading.Event, tall
     watcher.set("Explore on my own", True)
     watcher.until(lambda _window: watcher.controls["Frame"]["uuid"] != shared)
     rng = np.random.default_rng(seed)
+    slider, frame = watcher.controls["Frame"]["uuid"], 0
+
+    def arrived(window: list[Received]) -> bool:
+        others = [f for _, f, pictures in frames_in([window]) if pictures and f != frame]
+        with tally.lock:
+            tally.wrong += len(others)
+        return consistent(window, frame, slider)
+
     while not stop.is_set():
-        frame, began = int(rng.integers(total)), time.monotonic()
+        # Never the frame that is on show: nothing would be sent.
+        frame, began = (frame + int(rng.integers(1, total))) % total, time.monotonic()
         watcher.set("Frame", frame)
-        slider = watcher.controls["Frame"]["uuid"]
         try:
-            watcher.until(lambda window, f=frame, s=slider: consistent(window, f, s))  # type: ignore[misc]
+            watcher.until(arrived)
         except TimeoutError:
             with tally.lock:
                 tally.late += 1
@@ -89,8 +100,8 @@ def main() -> int:
             watchers[-1].set("play", "play")
             time.sleep(WARM_S)
             sizes = [memory.memory_info().rss / 1e6]
-            for _ in range(2):
-                time.sleep(arguments.seconds / 2)
+            for _ in range(SAMPLES):
+                time.sleep(arguments.seconds / SAMPLES)
                 sizes.append(memory.memory_info().rss / 1e6)
             stop.set()
             for thread in threads:
@@ -101,12 +112,11 @@ def main() -> int:
         complaints = errors.read().strip()
     say(f"{BROWSERS} browsers, {BROWSERS // 2} on their own, {arguments.seconds:g} s\n")
     say(f"  frames shown as wanted   {tally.shown}, median wait {1e3 * np.median(tally.wait_s):.0f} ms\n")
-    say(f"  frames that did not come {tally.late}\n")
-    say(
-        f"  memory of the server     {', '.join(f'{size:.0f}' for size in sizes)} MB (start, half way, end)\n"
-    )
+    say(f"  wrong frames             {tally.wrong}\n")
+    say(f"  frames that did not come {tally.late} within {PATIENCE_S:g} s\n")
+    say(f"  memory of the server     {', '.join(f'{size:.0f}' for size in sizes)} MB, from start to end\n")
     say(f"  on its stderr            {complaints or 'nothing'}\n")
-    return 1 if tally.late or "Traceback" in complaints else 0
+    return 1 if tally.late or tally.wrong or "Traceback" in complaints else 0
 
 
 if __name__ == "__main__":
