@@ -196,9 +196,7 @@ def main() -> int:
         say(f"{1e3 * np.percentile(slides, 90):.0f} ms\n")
         moments = played(watcher)
         gaps = np.diff(moments)
-        say(
-            f"  playback at {PLAY_SPEED}, consistent frames      {1.0 / gaps.mean():6.1f} /s, longest gap "
-        )
+        say(f"  playback at {PLAY_SPEED}, consistent frames      {1.0 / gaps.mean():6.1f} /s, longest gap ")
         say(f"{1e3 * gaps.max():.0f} ms\n")
         watcher.client.close()
         if arguments.browser:

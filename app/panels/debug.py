@@ -21,6 +21,11 @@ NOWHERE = "–"
 LISTED = 400
 
 
+def shown(value: float) -> str:
+    """Three digits, or all before the point."""
+    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+
+
 def limits(check: Check) -> str:
     """`10 … 20`, `≥ 10`, `≤ 20`."""
     if check.low is not None and check.high is not None:
@@ -41,8 +46,8 @@ def checks_html(checks: tuple[Check, ...]) -> str:
             rows.append(
                 f'<tr><td colspan="3" style="padding-top:0.5em;font-weight:600">{html.escape(stage)}</td></tr>'
             )
-        unit = f" {html.escape(check.unit)}" if check.unit else ""
-        value, limit = f"{check.value:.4g}{unit}", html.escape(limits(check))
+        unit = "°" if check.unit == "deg" else f" {html.escape(check.unit)}" if check.unit else ""
+        value, limit = f"{shown(check.value)}{unit}", html.escape(limits(check))
         name = html.escape(check.name)
         if not check.ok:
             name = f'<b style="color:{color}">✗ {name} is outside</b>'
