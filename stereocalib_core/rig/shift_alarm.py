@@ -81,6 +81,7 @@ def find_shifts(
             values[i] = e.height_m, e.pitch_rad, e.roll_rad
     steady = np.zeros(len(results), dtype=bool)
     wheels = slow = values
+    witnessed = motion is not None and motion.poses is not None
     if motion is not None and len(results):
         wheels = remove_explained(over_wheels(values, motion), motion)
         values = remove_explained(values, motion)
@@ -97,7 +98,8 @@ def find_shifts(
     ]
     shifts: list[Shift] = []
     for k, (axis, least, least_noise) in enumerate(axes):
-        steps = _steps(wheels[:, k], values[:, k], steady, least, least_noise, config)
+        witness = values[:, k] if witnessed else None
+        steps = _steps(wheels[:, k], witness, steady, least, least_noise, config)
         shifts += _axis_shifts(axis, frames, slow[:, k], steps, least, least_noise, config)
     if pair_yaw_rad is not None and motion is not None:
         steps = find_yaw_steps(pair_yaw_rad, motion, config)
@@ -108,14 +110,14 @@ def find_shifts(
 
 def _steps(
     series: Array,
-    witness: Array,
+    witness: Array | None,
     steady: NDArray[np.bool_],
     least: float,
     noise: float,
     config: ShiftAlarmConfig,
 ) -> list[Step]:
     """Steps one by one, surest first, each taken out before the next is looked for."""
-    series, witness = series.copy(), witness.copy()
+    series, witness = series.copy(), None if witness is None else witness.copy()
     steps: list[Step] = []
     for _ in range(_MOST_STEPS):
         step = find_step(series, steady, _HORIZONS, least, noise, config.threshold, witness)
@@ -123,7 +125,8 @@ def _steps(
             break
         steps.append(step)
         series[step.onset :] -= step.size
-        witness[step.onset :] -= step.size
+        if witness is not None:
+            witness[step.onset :] -= step.size
     return steps
 
 

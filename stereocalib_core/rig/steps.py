@@ -26,9 +26,9 @@ _AT_ONCE, _LATER = (3, 8), (24, 60)
 """Values on either side whose medians must differ by a step: at once, and later."""
 _SKIPPED, _CANDIDATES = 10, 40
 """No step is looked for in the first values of a series; so many are looked at closely, surest first."""
-_SHORTEST, _SHARP = 6, 0.1
+_SHORTEST, _SHARP = 6, (0.1, 0.25)
 """Size by the first values alone where they show it so well, 1 sigma as a share: the autoregression holds best
-at once. Otherwise by the more values."""
+at once. Otherwise by more values. The second with a witness, whose series swings less and is followed better."""
 _STAYS = 0.35
 """By at least so much of its size."""
 
@@ -166,7 +166,7 @@ def find_step(
             ready = [h for h, s in zip(horizons, scores, strict=True) if s[k] > threshold * scatter]
             certain = min(k + ready[0], len(series)) - 1
             estimates = [(a[k], d[k]) for a, d in (_likelihood(white, _SHORTEST), *found)]
-            sharp = [e for e in estimates if e[1] < _SHARP * abs(size[k])]
+            sharp = [e for e in estimates if e[1] < _SHARP[witness is not None] * abs(size[k])]
             best, deviation = (sharp or estimates[-1:])[0]
             return Step(k, certain, float(best), float(deviation), float(score[k]) / scatter)
     return None
