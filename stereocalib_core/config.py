@@ -148,8 +148,10 @@ class DirectConfig:
     """A size is expected beforehand in proportion to its inverse to this power: most roads are nearly flat."""
     further_bend_m: float = 0.0003
     further_per_twist: float = 1.1
-    further_per_roughness: float = 0.9
-    """How large the bends are that are not fitted, 1 sigma: at least this, and with twist and roughness."""
+    further_per_roughness: float = 1.0
+    further_unseen_m: float = 0.004
+    """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
+    the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
     min_patches: int = 40
     agree_height_m: float = 0.06
     rough_range_m: float = 12.0

@@ -29,6 +29,7 @@ from stereocalib_core.road.surface import (
     further_bends,
     left_roughness,
     unmodelled_covariance,
+    unseen_share,
 )
 
 Float = NDArray[np.float64]
@@ -135,7 +136,8 @@ def fit_direct(
         return None
     covariance = fit.covariance + unmodelled_covariance(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
-        left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]), config,
+        left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
+        unseen_share(x_m[seen], z[seen], config), config,
     )  # fmt: skip
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
     return DirectFit(

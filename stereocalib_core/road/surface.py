@@ -20,6 +20,8 @@ Float = NDArray[np.float64]
 
 SLOTS = 3
 """The first so many unknowns are the plane's; the bends follow."""
+_FURTHER = np.array([1.25, 1.0, 0.6, 0.4])
+"""How large the bends that are not fitted are against each other: the higher the order the smaller."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,10 @@ def bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
 
 
 def further_bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
-    """(N, 4) height of the bends that are not fitted, 1 m each: along the lane, and the next orders of all three."""
+    """(N, 4) height of the bends that are not fitted, per metre of size: along the lane, and the next orders."""
     x, z = _normal(x_m, z_m, config)
     xx, zz = x * x - 1.0 / 3.0, z * z - 1.0 / 3.0
-    return np.column_stack([zz, x * zz, xx * z, z**3 - 0.6 * z])
+    return np.column_stack([zz, x * zz, xx * z, z**3 - 0.6 * z]) * _FURTHER
 
 
 def _tukey(residual: Float, limit: float) -> Float:
@@ -101,18 +103,19 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
 
 
 def unmodelled_covariance(
-    fit: LaneFit, px_per_m: Float, further: Float, rough_m: float, config: DirectConfig
+    fit: LaneFit, px_per_m: Float, further: Float, rough_m: float, unseen: float, config: DirectConfig
 ) -> Float:
     """(5, 5) of what bends further than the fitted ones do to the solution.
 
     px_per_m: (N,) pixels of disparity per metre of height. Their size follows from what the lane shows of
-    its character: how it twists and how rough it is left.
+    its character: how it twists, how rough it is left, and how much of it (0...1) is out of sight.
     """
     twist = fit.solution[SLOTS + 1]
     size = np.sqrt(
         config.further_bend_m**2
         + (config.further_per_twist * twist) ** 2
         + (config.further_per_roughness * rough_m) ** 2
+        + (config.further_unseen_m * unseen) ** 2
     )
     response = fit.gain @ (further * px_per_m[:, None]) * size
     return response @ response.T
@@ -123,3 +126,13 @@ def left_roughness(noise_m: Float, height_m: Float) -> float:
     weight = 1.0 / (noise_m**2 + 0.003**2)
     excess = np.minimum(height_m**2, 0.03**2) - noise_m**2
     return float(np.sqrt(max(np.sum(weight * excess) / weight.sum(), 0.0)))
+
+
+def unseen_share(x_m: Float, z_m: Float, config: DirectConfig) -> float:
+    """Share of the lane without a patch, counted in cells of an eighth of its length and a quarter of its width."""
+    x, z = _normal(x_m, z_m, config)
+    inside = np.abs(x) < 1.0
+    cells = (4.0 * (z[inside] + 1.0)).astype(int).clip(0, 7) * 4 + (2.0 * (x[inside] + 1.0)).astype(int).clip(
+        0, 3
+    )
+    return 1.0 - len(np.unique(cells)) / 32
