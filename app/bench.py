@@ -48,6 +48,7 @@ class Watcher:
         self.client = RawClient(port)
         self.client.say_hello()
         self.controls: dict[str, dict[str, Any]] = {}
+        self.elements: set[str] = set()
         self.until(lambda window: bool(frames_in([window])))
         self.first_s = time.monotonic() - began
         self.listen(1.5)
@@ -73,6 +74,8 @@ class Watcher:
         window = self.client.receive(timeout_s)
         for message in window:
             props = message.fields.get("props") or {}
+            if props and "uuid" in message.fields:
+                self.elements.add(message.fields["uuid"])
             label = "play" if "play" in (props.get("options") or ()) else props.get("label")
             if label:
                 self.controls[label] = message.fields

@@ -38,17 +38,19 @@ class Tally:
 
 def student(watcher: Watcher, seed: int, total: int, stop: threading.Event, tally: Tally) -> None:
     """Leaves the shared time line and goes to random frames, each awaited with its picture."""
-    shared = watcher.controls["Frame"]["uuid"]
+    shared, led = watcher.controls["Frame"]["uuid"], set(watcher.elements)
     watcher.set("Explore on my own", True)
     watcher.until(lambda _window: watcher.controls["Frame"]["uuid"] != shared)
     rng = np.random.default_rng(seed)
     slider, frame = watcher.controls["Frame"]["uuid"], 0
 
     def arrived(window: list[Received]) -> bool:
-        others = [f for _, f, pictures in frames_in([window]) if pictures and f != frame]
+        # What the lead shows comes too, for elements that are hidden here.
+        own = [m for m in window if m.fields.get("uuid") not in led]
+        others = [f for _, f, _ in frames_in([own]) if f != frame]
         with tally.lock:
             tally.wrong += len(others)
-        return consistent(window, frame, slider)
+        return consistent(own, frame, slider)
 
     while not stop.is_set():
         # Never the frame that is on show: nothing would be sent.
