@@ -77,7 +77,7 @@ def analyse(
 ) -> Drive:
     """Everything that the whole drive says. `rig` brings yaw and lever arm of an earlier drive of the same rig."""
     known = rig or Rig()
-    filtered = filter_drive(results, config.filter, camera, config.method == "paper")
+    filtered = filter_drive(results, config.filter, camera if config.method == "paper" else None)
     tracks = pack(camera, results)
     yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m)
     yaw_measured = _yaw(yaw, known)

@@ -22,13 +22,12 @@ Floats = NDArray[np.float64]
 def filter_drive(
     results: Sequence[FrameResult],
     config: FilterConfig | None = None,
-    camera: StereoCamera | None = None,
-    dense: bool = False,
+    dense: StereoCamera | None = None,
 ) -> FilteredExtrinsics:
     """The filtered extrinsics of a drive.
 
-    camera: with it, tracked road points count where they are surer. dense: the results are of the method
-    `paper`, whose stated covariance knows nothing of camber and twist.
+    dense: the camera, where the results are of the method `paper`. Its stated covariance knows nothing of camber
+    and twist, and tracked road points count where they are surer; the direct alignment is as sure as they are.
 
     With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
     was predicted stays as it was predicted: later frames do not bridge a gap.
@@ -40,7 +39,7 @@ def filter_drive(
     rig = RigFilter(config)
     steps: list[FilterStep] = []
     persistent: list[Floats] = []
-    measured, covariances = _measured(results, config, camera, dense)
+    measured, covariances = _measured(results, config, dense)
     for result, z, R in zip(results, measured, covariances, strict=True):
         steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
         persistent.append(rig.persistent)
@@ -57,7 +56,7 @@ def filter_drive(
 
 
 def _measured(
-    results: Sequence[FrameResult], config: FilterConfig, camera: StereoCamera | None, dense: bool
+    results: Sequence[FrameResult], config: FilterConfig, dense: StereoCamera | None
 ) -> tuple[Floats, Floats]:
     """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
@@ -65,13 +64,12 @@ def _measured(
         if result.road is not None:
             e = result.road.extrinsics
             values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
-    c = config.road_points
-    if dense:
-        sigma = np.array([c.dense_height_m, *np.deg2rad([c.dense_pitch_deg, c.dense_roll_deg])])
-        covariance = covariance + np.diag(sigma**2)
-    if camera is None:
+    if dense is None:
         return values, covariance
-    points = road_planes(camera, results, c)
+    c = config.road_points
+    sigma = np.array([c.dense_height_m, *np.deg2rad([c.dense_pitch_deg, c.dense_roll_deg])])
+    covariance = covariance + np.diag(sigma**2)
+    points = road_planes(dense, results, c)
     return lean_on(values, covariance, *points, c)
 
 
