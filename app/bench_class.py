@@ -41,6 +41,7 @@ def student(watcher: Watcher, seed: int, total: int, stop: threading.Event, tall
     shared, led = watcher.controls["Frame"]["uuid"], set(watcher.elements)
     watcher.set("Explore on my own", True)
     watcher.until(lambda _window: watcher.controls["Frame"]["uuid"] != shared)
+    watcher.listen(1.0)
     rng = np.random.default_rng(seed)
     slider, frame = watcher.controls["Frame"]["uuid"], 0
 

@@ -224,16 +224,23 @@ class Page:
             with self.api.atomic():
                 self.scene.show_paths(moment)
             self.api.flush()
+        if last is None:
+            # The first picture may take seconds (a world to be built): the page can be used before.
+            self._show(moment)
         if frame_changed or settings_changed:
             views = self.session.views_with(settings.broken_stage)
             view = views.get(clock.frame, settings.layout, self._live_road(clock.frame, settings))
             moment = replace(moment, view=view)
+        self._show(moment)
+        self._last = key
+        self._make_ahead(settings)
+
+    def _show(self, moment: Moment) -> None:
+        """Everything of one moment in one window of messages."""
         with self.api.atomic():
             for part in (self.views, self.header, self.timeline, self.scene):
                 part.update(moment)
         self.api.flush()
-        self._last = key
-        self._make_ahead(settings)
 
     def _choose(self, after: int, due: int) -> int:
         """The newest frame up to the one that is due whose picture is made already, else the due one."""
