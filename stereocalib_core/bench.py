@@ -20,10 +20,8 @@ from stereocalib_core.drive import analyse
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.odometry.packing import pack_tracks
 from stereocalib_core.odometry.trajectory import TrajectorySettings, trajectory
-from stereocalib_core.pipeline import FrontEnd, with_method
+from stereocalib_core.pipeline import FrontEnd, look_at_pair, with_method
 from stereocalib_core.results import FrameResult
-from stereocalib_core.rig.rectification import examine
-from stereocalib_core.road.estimate import estimate_road
 from stereocalib_core.sources import open_source, prefetch
 
 CALLS = 20
@@ -53,8 +51,7 @@ def _chain(source: FrameSource, method: str, frames: Sequence[int]) -> Callable[
         frame = source[frames[k % len(frames)]]
         if frame.left is None or frame.right is None:
             return None
-        examine(source.camera, frame.left, frame.right, config.rectification)
-        return estimate_road(frame.left, frame.right, source.camera, config)
+        return look_at_pair(source.camera, frame.left, frame.right, config)
 
     return call
 

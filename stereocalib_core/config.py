@@ -64,7 +64,7 @@ class ProfileConfig:
     """Cells farther to the side are not used: roads are cambered."""
     search_slopes: int = 48
     """Heights tried between the smallest and the largest, evenly in their logarithm."""
-    search_cells: int = 4000
+    search_cells: int = 2000
     """Cells that vote for the first line."""
     search_relative_tolerance: float = 0.06
     """Half width of the band about the first line, as a share of disparity: a rolled road is a wedge."""
@@ -81,10 +81,10 @@ class ProfileConfig:
     roll_trials: int = 40
     correlated_cells: float = 12.0
     """Neighbouring cells share their error: so many count as one."""
-    systematic_px: float = 0.08
-    """1 sigma of the profile's intercept that averaging does not remove: the matcher prefers whole disparities."""
-    systematic_height_fraction: float = 0.001
-    systematic_roll_rad: float = 1e-4
+    systematic_height_m: float = 0.008
+    systematic_pitch_deg: float = 0.05
+    systematic_roll_deg: float = 0.07
+    """1 sigma that averaging does not remove: the camber and twist of roads, which one line and one slope take in."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -181,10 +181,6 @@ class RoadPointsConfig:
     """The points are used where they are so much surer that they would count for this share."""
     gate: float = 3.0
     """Contradiction, in sigmas of both, by which neither is believed."""
-    dense_height_m: float = 0.008
-    """What the camber and twist of real roads add to the errors of the method `paper`, 1 sigma."""
-    dense_pitch_deg: float = 0.05
-    dense_roll_deg: float = 0.07
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 
 import numpy as np
@@ -16,8 +17,8 @@ from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.lidar_camera.lidar_road import scan_residual
 from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
-from stereocalib_core.results import Check, FrameResult, RectificationSample, Tracks
-from stereocalib_core.rig.rectification import examine
+from stereocalib_core.results import FrameResult, Tracks
+from stereocalib_core.rig.rectification import Examination, examine
 from stereocalib_core.road.estimate import RoadResult, estimate_road
 from stereocalib_core.road.stages import RoadStages
 from stereocalib_core.road.uv_disparity import v_disparity
@@ -38,6 +39,24 @@ class FrontEndMemory:
 
     tracked: int | None
     motion: NDArray[np.float64] | None
+
+
+_ROW_CHECK = ThreadPoolExecutor(2, thread_name_prefix="row-check")
+
+
+def look_at_pair(
+    camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig
+) -> tuple[Examination, RoadResult, dict[str, float]]:
+    """The pair's check of its own rows and its road, side by side as neither needs the other; and the stages' ms."""
+
+    def check_rows() -> tuple[Examination, float]:
+        began = time.perf_counter()
+        return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
+
+    rows = _ROW_CHECK.submit(check_rows)
+    road = estimate_road(left, right, camera, config)
+    examined, took = rows.result()
+    return examined, road, {"rectification": took, **road.timing_ms}
 
 
 class FrontEnd:
@@ -66,21 +85,16 @@ class FrontEnd:
         if frame.failure is not None or left is None or right is None:
             missing = frame.failure or Failure(FailureReason.UNREADABLE, "no pictures")
             return FrameResult(frame.index, frame.timestamp_s, None, missing), None
-        began = time.perf_counter()
         failure = self._frozen(left, right)
-        sample: RectificationSample | None = None
-        checks: tuple[Check, ...] = ()
-        if failure is None:
-            examined = examine(self.camera, left, right, self.config.rectification)
-            failure, sample, checks = examined.failure, examined.sample, examined.checks
-        timing = {"rectification": 1e3 * (time.perf_counter() - began)}
         if failure is not None:
+            return FrameResult(frame.index, frame.timestamp_s, None, failure), None
+        examined, road, timing = look_at_pair(self.camera, left, right, self.config)
+        sample, checks = examined.sample, examined.checks
+        if examined.failure is not None:
             return FrameResult(
-                frame.index, frame.timestamp_s, None, failure, rectification=sample, checks=checks,
+                frame.index, frame.timestamp_s, None, examined.failure, rectification=sample, checks=checks,
                 timing_ms=MappingProxyType(timing),
             ), None  # fmt: skip
-        road = estimate_road(left, right, self.camera, self.config)
-        timing |= road.timing_ms
         began = time.perf_counter()
         tracks = self._track(frame.index, left, right, road)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)

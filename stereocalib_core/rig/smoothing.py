@@ -66,11 +66,7 @@ def _measured(
             values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
     if dense is None:
         return values, covariance
-    c = config.road_points
-    sigma = np.array([c.dense_height_m, *np.deg2rad([c.dense_pitch_deg, c.dense_roll_deg])])
-    covariance = covariance + np.diag(sigma**2)
-    points = road_planes(dense, results, c)
-    return lean_on(values, covariance, *points, c)
+    return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)
 
 
 def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:

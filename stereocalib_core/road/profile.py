@@ -311,15 +311,17 @@ class PaperFit:
 def covariance_of(
     camera: StereoCamera, profile: Profile, roll: RollVote, pitch_rad: float, config: ProfileConfig
 ) -> Float:
-    """(3, 3) of height, pitch, roll from those of profile and slope, with the matcher's systematic part."""
+    """(3, 3) of height, pitch, roll from those of profile and slope, with what roads add to it."""
     c = np.cos(pitch_rad)
     jacobian = np.array([[camera.baseline_m * c, 0.0], [0.0, -(c**2) / camera.focal_px]])
     result = np.zeros((3, 3))
     result[:2, :2] = jacobian @ profile.covariance @ jacobian.T
     result[2, 2] = c**2 * roll.variance
-    result[0, 0] += (config.systematic_height_fraction * profile.slope * camera.baseline_m) ** 2
-    result[1, 1] += (config.systematic_px / camera.focal_px) ** 2
-    result[2, 2] += config.systematic_roll_rad**2
+    systematic = (
+        config.systematic_height_m,
+        *np.deg2rad([config.systematic_pitch_deg, config.systematic_roll_deg]),
+    )
+    result += np.diag(np.square(systematic))
     return result
 
 

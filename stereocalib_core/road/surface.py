@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig
@@ -57,8 +58,34 @@ def further_bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
     return np.column_stack([zz, x * zz, xx * z, z**3 - 0.6 * z]) * _FURTHER
 
 
-def _tukey(residual: Float, limit: float) -> Float:
-    return np.clip(1.0 - (residual / limit) ** 2, 0.0, None) ** 2
+@njit(cache=True, nogil=True)
+def _robust_normal(
+    J: Float, offset: Float, variance: Float, loose: Float, rounds: int, tukey: float, min_scale: float
+) -> tuple[Float, Float, Float, Float]:
+    """Weighted least squares repeated with Tukey weights: solution, weights 0...1, normal matrix, right side.
+
+    loose: (K, K) information added to the normal matrix while it is solved.
+    """
+    n, unknowns = J.shape
+    x, robust, residual = np.zeros(unknowns), np.ones(n), np.empty(n)
+    H, b = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    for _ in range(rounds):
+        for i in range(n):
+            e = offset[i]
+            for p in range(unknowns):
+                e -= J[i, p] * x[p]
+            residual[i] = e / np.sqrt(variance[i])
+        limit = tukey * max(1.4826 * np.median(np.abs(residual)), min_scale)
+        H[:], b[:] = 0.0, 0.0
+        for i in range(n):
+            robust[i] = max(1.0 - (residual[i] / limit) ** 2, 0.0) ** 2
+            w = robust[i] / variance[i]
+            for p in range(unknowns):
+                b[p] += w * J[i, p] * offset[i]
+                for q in range(unknowns):
+                    H[p, q] += w * J[i, p] * J[i, q]
+        x[:] = np.linalg.solve(H + loose, b)
+    return x, robust, H, b
 
 
 def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> LaneFit:
@@ -68,27 +95,23 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
     """
     unknowns = J.shape[1]
     loose = np.diag(np.r_[np.zeros(SLOTS), np.full(unknowns - SLOTS, config.max_bend_m**-2.0)])
-    x = np.zeros(unknowns)
-    for _ in range(config.robust_rounds):
-        residual = (offset - J @ x) / np.sqrt(variance)
-        scale = max(1.4826 * float(np.median(np.abs(residual))), config.min_scale)
-        robust = _tukey(residual, config.tukey * scale)
-        weighted = (J * (robust / variance)[:, None]).T
-        H = weighted @ J
-        x = np.linalg.solve(H + loose, weighted @ offset)
+    x, robust, H, b = _robust_normal(
+        J, offset, variance, loose, config.robust_rounds, config.tukey, config.min_scale
+    )
     residual = offset - J @ x
     chi2 = float(np.sum(robust * residual**2 / variance) / np.sum(robust))
-    scaled = weighted / max(chi2, config.min_chi2)
-    A, b = scaled @ J, scaled @ offset
+    # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
+    scale = max(chi2, config.min_chi2)
+    A, right = H / scale, b / scale
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
     prior = np.zeros((len(sizes), unknowns, unknowns))
     free = np.arange(SLOTS, unknowns)
     prior[:, free, free] = sizes[:, None] ** -2.0
     inverse = np.linalg.inv(A + prior)
-    solutions = inverse @ b
+    solutions = inverse @ right
     log_evidence = (
-        0.5 * solutions @ b
+        0.5 * solutions @ right
         + 0.5 * np.linalg.slogdet(inverse)[1]
         - (unknowns - SLOTS + config.bend_reluctance) * np.log(sizes)
     )
@@ -96,10 +119,15 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
     share /= share.sum()
     solution = share @ solutions
     apart = solutions - solution
-    # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
     average = np.einsum("k,kij->ij", share, inverse)
     covariance = average + np.einsum("k,ki,kj->ij", share, apart, apart)
-    return LaneFit(solution, covariance, average @ scaled, robust, offset - J @ solution)
+    return LaneFit(
+        solution,
+        covariance,
+        average @ (J * (robust / (scale * variance))[:, None]).T,
+        robust,
+        offset - J @ solution,
+    )
 
 
 def unmodelled_covariance(
