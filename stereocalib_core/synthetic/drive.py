@@ -73,7 +73,7 @@ def plan_drive(settings: DriveSettings) -> Drive:
         T_vehicle_camera = np.stack([_camera_in_vehicle(row) for row in mount])
         T_world_camera = _vehicle_poses(ground, motion.s_m[:frames], settings) @ T_vehicle_camera
     else:
-        T_world_camera = poses[:frames]
+        T_world_camera = _moved(poses[:frames], mount, settings.mount)
     times = motion.time_s[:frames]
     return Drive(settings, course, ground, motion, times, T_world_camera, mount[:, 3], s_camera)
 
@@ -145,6 +145,17 @@ def _camera_in_vehicle(mount: Array) -> Array:
     T[0, 3] += mount[4]
     T[2, 3] += mount[5]
     return T
+
+
+def _moved(poses: Array, mount: Array, planned: Extrinsics) -> Array:
+    """(N, 4, 4) poses of a camera, planned for one mount, with the (N, 6) mounts over `AXES` that it has."""
+    row = np.array([planned.height_m, planned.pitch_rad, planned.roll_rad, planned.yaw_rad, 0.0, 0.0])
+    moved = np.any(mount != row, axis=1)
+    result = poses.copy()
+    if moved.any():
+        to_vehicle = np.linalg.inv(_camera_in_vehicle(row))
+        result[moved] = poses[moved] @ np.stack([to_vehicle @ _camera_in_vehicle(m) for m in mount[moved]])
+    return result
 
 
 def _truth(ground: Ground, s_m: Array, T_world_camera: Array, yaw_rad: Array, lever_arm_m: float) -> Array:

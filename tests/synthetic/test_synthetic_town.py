@@ -111,6 +111,31 @@ def test_pose_file_is_driven_as_it_is(tmp_path: Path) -> None:
     assert np.abs(np.rad2deg(np.median(truth[:, 1:], axis=0)) - [0.8, -0.4, -0.3]).max() < 0.1
 
 
+@pytest.mark.parametrize(
+    ("knock", "axis", "size"),
+    [("height=0.03", 0, 0.03), ("pitch=0.3", 1, 0.3), ("roll=-0.3", 2, -0.3), ("yaw=0.3", 3, 0.3)],
+)
+def test_a_knock_moves_the_camera_along_a_pose_file_too(
+    tmp_path: Path, knock: str, axis: int, size: float
+) -> None:
+    drive = plan_drive(parse_spec("synthetic:curves?frames=40&body_motion=0"))
+    file = tmp_path / "poses.txt"
+    np.savetxt(file, drive.T_world_camera[:, :3].reshape(-1, 12))
+    clean = plan_drive(parse_spec(f"synthetic?path={file}"))
+    knocked = plan_drive(parse_spec(f"synthetic?path={file}&fault=knock:{knock}@20"))
+    assert np.array_equal(knocked.T_world_camera[:20], clean.T_world_camera[:20])
+    unit = np.array([1.0, *[np.rad2deg(1.0)] * 3])
+    change = (knocked.extrinsics - clean.extrinsics) * unit
+    expected = np.zeros(4)
+    expected[axis] = size
+    assert np.abs(change[:20]).max() == 0.0
+    assert np.abs(change[20:] - expected).max() < 0.005
+    turned = invert_transform(clean.T_world_camera[30]) @ knocked.T_world_camera[30]
+    heading = np.rad2deg(np.arctan2(turned[0, 2], turned[2, 2]))
+    # a camera turned to the left: its axis points to -x of where it was
+    assert heading == pytest.approx(-size if axis == 3 else 0.0, abs=0.01)
+
+
 def test_body_dives_when_braking_and_leans_out_of_bends() -> None:
     drive = plan_drive(parse_spec("synthetic:town"))
     still = plan_drive(parse_spec("synthetic:town?body_motion=0"))
