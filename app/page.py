@@ -161,16 +161,24 @@ class Page:
             place_camera(client, view)
 
     def seek_failure(self, direction: int) -> None:
-        """Go to the next (+1) or previous (-1) failed frame, or say that there is none."""
-        if self.playback.seek_failure(direction) is not None:
-            return
-        snapshot = self.session.snapshot
-        where = "further on" if direction > 0 else "before this one"
-        state = "" if snapshot.done else f" {100 * snapshot.progress:.0f} % of the drive is computed so far."
+        """Go to the next (+1) or previous (-1) failed frame, and say so where that leads round the end of the
+        drive, or where there is none."""
+        before = self.playback.state.frame
+        found = self.playback.seek_failure(direction)
+        if found is None:
+            snapshot = self.session.snapshot
+            computed = "" if snapshot.done else f" of the {100 * snapshot.progress:.0f} % computed so far"
+            self._notify("No failed frame", f"Every frame{computed} is ok.")
+        elif found == before:
+            self._notify("The only failed frame", f"No other frame than {found} has failed.")
+        elif (found > before) != (direction > 0):
+            first_or_last = "first" if direction > 0 else "last"
+            self._notify("Round the end", f"Frame {found} is the {first_or_last} that failed.")
+
+    def _notify(self, title: str, words: str) -> None:
+        """Tell every browser that shows this page."""
         for client in self.hub.viewers(self):
-            client.add_notification(
-                "No failed frame", f"There is none {where}.{state}", auto_close_seconds=5.0
-            )
+            client.add_notification(title, words, auto_close_seconds=5.0)
 
     def set_compared(self, run: SavedRun | None) -> None:
         """Lay another run beside this one."""

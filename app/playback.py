@@ -116,16 +116,14 @@ class Playback:
         self._change(pause_on_failure=pause)
 
     def seek_failure(self, direction: int) -> int | None:
-        """Go to the next (+1) or previous (-1) failed frame and pause; None where there is none."""
-        failures = self._failures()
-        if direction > 0:
-            later = failures[failures > self._state.frame]
-            target = None if len(later) == 0 else int(later[0])
-        else:
-            earlier = failures[failures < self._state.frame]
-            target = None if len(earlier) == 0 else int(earlier[-1])
-        if target is not None:
-            self._change(frame=target, playing=False)
+        """Go to the next (+1) or previous (-1) failed frame and pause, round the end of the drive where there is
+        none left; None where no frame has failed."""
+        failures, frame = self._failures(), self._state.frame
+        if len(failures) == 0:
+            return None
+        beyond = failures[failures > frame] if direction > 0 else failures[failures < frame][::-1]
+        target = int(beyond[0] if len(beyond) else failures[0 if direction > 0 else -1])
+        self._change(frame=target, playing=False)
         return target
 
     def _change(self, **changes: float | bool | int) -> None:

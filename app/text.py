@@ -18,6 +18,12 @@ def escape(text: object, limit: int = 300) -> str:
     return _MARKDOWN.sub(r"\\\1", html.escape(line, quote=False))
 
 
+def code(text: object, limit: int = 300) -> str:
+    """A string from outside as a span of code: nothing in it is Markdown or HTML."""
+    line = " ".join(str(text).replace("`", "'").split())
+    return f"`{line if len(line) <= limit else line[: limit - 1] + '…'}`"
+
+
 def number(value: float | None, digits: int, unit: str = "") -> str:
     """A number with its unit, or a dash."""
     if value is None or not np.isfinite(value):

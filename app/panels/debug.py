@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from app import palette, text
 from app.card import shift_words
 from app.moment import Moment
@@ -19,20 +21,30 @@ if TYPE_CHECKING:
 
 NOWHERE = "–"
 LISTED = 400
+GO_THERE = ": choose where to go"
 
 
-def shown(value: float) -> str:
-    """Three digits, or all before the point."""
-    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+def shown(value: float, unit: str = "") -> str:
+    """Lengths and angles to a thousandth, other numbers with three digits or all before the point; with unit."""
+    if not np.isfinite(value):
+        return NOWHERE
+    digits = (
+        f"{value:.3f}" if unit in ("m", "deg") else f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+    )
+    return digits.replace("-", "−") + ("°" if unit == "deg" else f" {unit}" if unit else "")
 
 
 def limits(check: Check) -> str:
-    """`10 … 20`, `≥ 10`, `≤ 20`."""
-    if check.low is not None and check.high is not None:
-        return f"{check.low:.4g} … {check.high:.4g}"
-    if check.low is not None:
-        return f"≥ {check.low:.4g}"
-    return NOWHERE if check.high is None else f"≤ {check.high:.4g}"
+    """`10 … 20`, `≥ 10`, `≤ 20`, with the unit."""
+    unit = "°" if check.unit == "deg" else f" {check.unit}" if check.unit else ""
+    low, high = (
+        None if edge is None else f"{edge:.3g}".replace("-", "−") for edge in (check.low, check.high)
+    )
+    if low is not None and high is not None:
+        return f"{low} … {high}{unit}"
+    if low is not None:
+        return f"≥ {low}{unit}"
+    return NOWHERE if high is None else f"≤ {high}{unit}"
 
 
 def checks_html(checks: tuple[Check, ...]) -> str:
@@ -46,8 +58,7 @@ def checks_html(checks: tuple[Check, ...]) -> str:
             rows.append(
                 f'<tr><td colspan="3" style="padding-top:0.5em;font-weight:600">{html.escape(stage)}</td></tr>'
             )
-        unit = "°" if check.unit == "deg" else f" {html.escape(check.unit)}" if check.unit else ""
-        value, limit = f"{shown(check.value)}{unit}", html.escape(limits(check))
+        value, limit = html.escape(shown(check.value, check.unit)), html.escape(limits(check))
         name = html.escape(check.name)
         if not check.ok:
             name = f'<b style="color:{color}">✗ {name} is outside</b>'
@@ -106,12 +117,18 @@ def shift_options(snapshot: Snapshot) -> tuple[str, ...]:
 def frame_of(option: str) -> int | None:
     """The frame that an entry leads to."""
     head = option.split()[0]
-    return int(head) if head.isdigit() and "found:" not in option else None
+    return int(head) if head.isdigit() and not option.endswith(GO_THERE) else None
 
 
-def list_head(count: int) -> str:
-    """The first entry of a list, which leads nowhere."""
-    return "none" if count == 0 else f"{count} found: choose one to go there"
+def failures_head(snapshot: Snapshot) -> str:
+    """The first entry of the list of failures, which leads nowhere."""
+    count = len(snapshot.failures())
+    return "none" if count == 0 else f"{count} {'frame' if count == 1 else 'frames'}{GO_THERE}"
+
+
+def shifts_head(count: int) -> str:
+    """The first entry of the list of shifts, which leads nowhere."""
+    return "none" if count == 0 else f"{count} {'shift' if count == 1 else 'shifts'}{GO_THERE}"
 
 
 class DebugPanel:
@@ -122,10 +139,10 @@ class DebugPanel:
         self._page = page
         self._verdict = gui.add_markdown("")
         self._failures = gui.add_dropdown(
-            "Failures", (list_head(0),), hint="All failed frames with their reason. Choose one to go there."
+            "Failures", ("none",), hint="All failed frames with their reason. Choose one to go there."
         )
         self._shifts = gui.add_dropdown(
-            "Shifts", (list_head(0),), hint="Where the mount moved. Choose one to go there."
+            "Shifts", ("none",), hint="Where the mount moved. Choose one to go there."
         )
         self._jump = gui.add_button_group("", ("◀ failure", "failure ▶"))
         self._checks = gui.add_html("")
@@ -151,10 +168,10 @@ class DebugPanel:
         if self._faults is not None:
             self._faults.update(moment)
         if moment.drive_changed:
-            for handle, options in (
-                (self._failures, failure_options(moment.snapshot)),
-                (self._shifts, shift_options(moment.snapshot)),
+            shifts = shift_options(moment.snapshot)
+            for handle, wanted in (
+                (self._failures, (failures_head(moment.snapshot), *failure_options(moment.snapshot))),
+                (self._shifts, (shifts_head(len(shifts)), *shifts)),
             ):
-                wanted = (list_head(len(options)), *options)
                 if tuple(handle.options) != wanted:
                     handle.options = wanted

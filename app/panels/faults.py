@@ -94,6 +94,4 @@ class FaultsPanel:
     def update(self, moment: Moment) -> None:
         """Name the faults that are on."""
         faults = faults_of(moment.session.spec)
-        self._state.content = (
-            "On: " + ", ".join(f"`{text.escape(f, 80)}`" for f in faults) if faults else "None on."
-        )
+        self._state.content = "On: " + ", ".join(text.code(f, 80) for f in faults) if faults else "None on."

@@ -24,7 +24,7 @@ class OpenPanel:
         root = page.hub.library.root
         gui.add_markdown(
             "A folder (KITTI odometry, KITTI raw, plain `left/ right/ camera.yaml`), an earlier run, or "
-            f"`synthetic`. Paths are read below\n\n`{text.escape(root, 120)}`"
+            f"`synthetic`. Paths are read below\n\n{text.code(root, 120)}"
         )
         self._path = gui.add_text(
             "Source", "", hint="A path below the folder above, or synthetic:town?frames=200"

@@ -104,9 +104,12 @@ def test_next_and_previous_failure(clock: Any) -> None:
     assert playback.seek_failure(1) == 12
     assert playback.seek_failure(1) == 13
     assert playback.seek_failure(1) == 30
-    assert playback.seek_failure(1) is None
-    assert playback.state.frame == 30
+    assert playback.seek_failure(1) == 12  # round the end
+    assert playback.seek_failure(-1) == 30
     assert playback.seek_failure(-1) == 13
+    playback._failures = lambda: np.zeros(0, np.int64)
+    assert playback.seek_failure(1) is None
+    assert playback.state.frame == 13
 
 
 def test_loops_only_when_asked(clock: Any) -> None:

@@ -96,7 +96,7 @@ def test_debug_leads_to_the_failure_and_says_why(page: Any, hub: Hub) -> None:
     page.get_by_label("Failures").click(force=True)
     entry = page.get_by_role("option", name=f"{DARK[0]} to")
     until(entry.is_visible, what="list of failures")
-    assert page.get_by_role("option", name="1 found: choose one to go there").count() == 1
+    assert page.get_by_role("option", name=f"{DARK[1] - DARK[0] + 1} frames: choose where to go").count() == 1
     entry.click(force=True)
     until(lambda: shown_frame(page) == DARK[0], what="at the failure")
     until(lambda: page.get_by_text(f"Frame {DARK[0]} failed").count(), what="verdict")

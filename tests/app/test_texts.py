@@ -40,6 +40,12 @@ def test_strings_from_outside_are_inert() -> None:
     assert html.unescape(shown.replace("\\", "")) == EVIL
 
 
+def test_code_shows_what_it_was_given() -> None:
+    assert text.code("night@40-46") == "`night@40-46`"
+    assert text.code(EVIL).count("`") == 2
+    assert len(text.code("x" * 500, 80)) == 82
+
+
 def test_copy_button_carries_text_but_no_markup() -> None:
     class Parser(HTMLParser):
         tags: list[str] = []
@@ -79,7 +85,15 @@ def test_limits_that_failed_are_marked() -> None:
     assert "✗ mean grey is outside" in table
     assert "<b>" not in table.replace('<b style="', "")
     assert "&lt;b&gt;" in table
-    assert "0 … 2" in table
+    assert "0 … 2 px" in table
+
+
+def test_numbers_have_their_unit_and_no_more_digits_than_they_deserve() -> None:
+    assert debug.shown(0.000642, "deg") == "0.001°"
+    assert debug.shown(-1.6604, "m") == "−1.660 m"
+    assert debug.shown(3832.4) == "3832"
+    assert debug.shown(float("nan"), "m") == "–"
+    assert debug.limits(Check("estimate", "roll sigma", 0.01, high=1.003, unit="deg")) == "≤ 1°"
 
 
 def test_equations_are_typeset_by_the_browser() -> None:
