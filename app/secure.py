@@ -23,6 +23,8 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from stereocalib_core.errors import ConfigError
+
 LOG = logging.getLogger(__name__)
 LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 _START = threading.Lock()
@@ -104,8 +106,22 @@ def _guarded(host: str) -> Iterator[None]:
         rich.print = original_print
 
 
+def _check_host(host: str) -> None:
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host or "?", 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as trial:
+            trial.bind(address)
+    except (OSError, UnicodeError) as error:
+        remedy = "use 127.0.0.1, an address of this machine, or 0.0.0.0 for all of them"
+        raise ConfigError("no host to listen on", host[:80], remedy) from error
+
+
 def create_server(host: str, port: int) -> LocalServer:
-    """Start a server; a busy port becomes the next free one (see `get_port()`)."""
+    """Start a server; a busy port becomes the next free one (see `get_port()`).
+
+    Raises ConfigError for a host that is not this machine's: viser would try its ports for ever.
+    """
+    _check_host(host)
     # Browsers open connections ahead and drop them unused; a traceback for each is no news for anybody.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with _START, _guarded(host):

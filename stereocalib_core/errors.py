@@ -15,8 +15,8 @@ class StereoCalibError(Exception):
     """Bad input or settings. `str(error)` is `<what>: <where>: <what to do>`, one line."""
 
     def __init__(self, what: str, where: object, remedy: str) -> None:
-        self.what, self.where, self.remedy = what, str(where), remedy
-        super().__init__(" ".join(f"{what}: {where}: {remedy}".split()))
+        self.what, self.where, self.remedy = what, str(where).strip() or "(empty)", remedy
+        super().__init__(" ".join(f"{what}: {self.where}: {remedy}".split()))
 
 
 class SourceError(StereoCalibError):

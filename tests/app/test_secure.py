@@ -13,6 +13,7 @@ from websockets.exceptions import InvalidStatus
 
 from app.raw_client import RawClient
 from app.secure import LocalServer, allowed_names, create_server, request_allowed, stop_server
+from stereocalib_core.errors import ConfigError
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,9 @@ def test_start_prints_nothing_of_its_own(capsys: pytest.CaptureFixture[str]) -> 
     running = create_server("127.0.0.1", 0)
     stop_server(running)
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("host", ["999.1.1.1", "203.0.113.7", "", "a" * 300])
+def test_a_host_that_is_not_this_machine_is_bad_usage(host: str) -> None:
+    with pytest.raises(ConfigError, match="no host to listen on"):
+        create_server(host, 0)
