@@ -22,6 +22,7 @@ from stereocalib_core.lidar_camera.road_check import LidarCheck, check, who_move
 from stereocalib_core.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
+from stereocalib_core.report import gaps
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
 from stereocalib_core.rig.explained import MotionSeries
 from stereocalib_core.rig.mount import estimate_mount
@@ -106,7 +107,7 @@ def analyse(
         "yaw_reason": yaw_reason,
         "rectification": rectification.as_report(),
         "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
-        "gaps": [[results[row].frame for row in gap] for gap in best.gaps],
+        "gaps": gaps(results, best.measured),
         "shifts": [shift.as_report() for shift in shifts],
         "lidar_check": None if lidar is None else lidar.as_report(),
     }

@@ -58,17 +58,19 @@ def build_report(
     return report
 
 
-def gaps(results: Sequence[FrameResult]) -> list[list[int]]:
-    """First and last frame of every run of failed frames."""
-    spans: list[list[int]] = []
-    for previous, result in zip([None, *results], results, strict=False):
-        if result.ok:
-            continue
-        if previous is not None and not previous.ok:
-            spans[-1][1] = result.frame
-        else:
-            spans.append([result.frame, result.frame])
-    return spans
+def gaps(results: Sequence[FrameResult], measured: NDArray[np.bool_] | None = None) -> list[list[int]]:
+    """First and last frame of every run of failed frames, and of frames that the path reached without a measurement.
+
+    measured: (N,) whether the motion into a frame was measured on the road. Into the frame after a failed one it
+    seldom is: that is the failed frame's gap, and by itself makes it no longer.
+    """
+    failed = np.array([not result.ok for result in results], dtype=np.bool_)
+    missing = failed.copy()
+    if measured is not None:
+        after = np.concatenate([[False], failed[:-1]]) & np.concatenate([measured[1:], [True]])
+        missing |= ~measured & ~after
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
+    return [[results[first].frame, results[end - 1].frame] for first, end in edges]
 
 
 def estimates(results: Sequence[FrameResult]) -> NDArray[np.float64]:

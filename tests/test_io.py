@@ -11,6 +11,7 @@ import pytest
 from stereocalib_core import io
 from stereocalib_core.errors import Failure, FailureReason, OutputError, SourceError
 from stereocalib_core.geometry import Extrinsics, rotation_x, rotation_y, rotation_z, transform
+from stereocalib_core.report import gaps
 from stereocalib_core.results import FilteredExtrinsics, FrameResult, Measured, Rig, RoadEstimate
 
 HEADER = (
@@ -175,3 +176,15 @@ def test_writing_is_whole_or_not_at_all(tmp_path: Path) -> None:
         io.write_atomic(tmp_path / "no such folder" / "file", "new")
     assert path.read_text() == "old"
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "taken"]
+
+
+def test_gaps_are_failed_frames_and_motion_without_a_measurement() -> None:
+    results = [bad(i) if i in (3, 4, 9) else good(i) for i in range(2, 12)]
+    measured = np.ones(10, dtype=np.bool_)
+    assert gaps(results) == gaps(results, measured) == [[3, 4], [9, 9]]
+    # into 5 and 10 the motion comes from a failed frame; into 7 nothing was measured though both have a road
+    measured[[1, 2, 3, 5, 7, 8]] = False
+    assert gaps(results, measured) == [[3, 4], [7, 7], [9, 9]]
+    measured[9] = False
+    assert gaps(results, measured) == [[3, 4], [7, 7], [9, 11]]
+    assert gaps([]) == []
