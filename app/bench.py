@@ -115,11 +115,11 @@ def slide_times(watcher: Watcher) -> list[float]:
     times = []
     for k in range(SLIDES):
         began = time.monotonic()
-        watcher.set("pitch + °", 0.01 * (k + 1))
+        watcher.set("pitch added °", 0.01 * (k + 1))
         watcher.until(lambda window: any(m.fields.get("name") == LIVE_PATH for m in window))
         times.append(time.monotonic() - began)
         watcher.listen(0.15)
-    watcher.set("pitch + °", 0.0)
+    watcher.set("pitch added °", 0.0)
     watcher.listen(0.5)
     return times
 

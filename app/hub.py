@@ -13,6 +13,7 @@ from viser import _messages
 
 from app import hotkeys, palette
 from app.browser_panel import BrowserPanel
+from app.inputs import guard
 from app.library import Library
 from app.page import Page
 from app.session import Session
@@ -230,6 +231,7 @@ class Hub:
         client._websock_connection.queue_message(message)
 
     def _connected(self, client: viser.ClientHandle) -> None:
+        guard(client.gui)
         self._browsers[client.client_id] = BrowserPanel(self, client)
         self.fit(client)
         known = (client.camera.image_width, client.camera.image_height)

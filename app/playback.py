@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 SHORTEST_TICK_S = 1.0 / 20.0
 """Browsers slow down beyond about 24 picture updates a second; a tick sends one."""
 IDLE_S = 0.25
+AFTER_ERROR_S = 1.0
+"""How long nothing is shown after an error in showing."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Playback:
         self._wake = threading.Condition()
         self._dirty = True
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
+        self._thread: threading.Thread = threading.Thread(target=self._run, name="playback", daemon=True)
 
     @property
     def total(self) -> int:
@@ -187,6 +189,16 @@ class Playback:
         return float(np.clip(due - now, SHORTEST_TICK_S - (now - last), IDLE_S))
 
     def _run(self) -> None:
+        try:
+            self._show_until_closed()
+        finally:
+            # Whatever it was is on the terminal; the page must not stand still for ever.
+            if not self._closed:
+                self._thread = threading.Timer(AFTER_ERROR_S, self._run)
+                self._thread.daemon = True
+                self._thread.start()
+
+    def _show_until_closed(self) -> None:
         last = -1.0
         while True:
             with self._wake:

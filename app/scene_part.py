@@ -88,7 +88,7 @@ class ScenePart:
         @node.on_click
         def _(event: Any) -> None:
             index = event.instance_index
-            if index is not None and index < len(self._marked):
+            if index is not None and 0 <= index < len(self._marked):
                 page.run_for_client(event, lambda _client: page.playback.seek(self._marked[index]))
 
     def overview(self) -> Viewpoint:

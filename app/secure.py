@@ -23,6 +23,7 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from app.inputs import guard
 from stereocalib_core.errors import ConfigError
 
 LOG = logging.getLogger(__name__)
@@ -125,7 +126,9 @@ def create_server(host: str, port: int) -> LocalServer:
     # Browsers open connections ahead and drop them unused; a traceback for each is no news for anybody.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with _START, _guarded(host):
-        return LocalServer(host=host, port=port, label="stereocalib", verbose=False)
+        server = LocalServer(host=host, port=port, label="stereocalib", verbose=False)
+    guard(server.gui)
+    return server
 
 
 def stop_server(server: viser.ViserServer) -> None:

@@ -42,7 +42,7 @@ class CorrectionsPanel:
                 ("m", ERROR_LIMIT_M, 0.005) if axis == "height" else ("°", ERROR_LIMIT_DEG, 0.01)
             )
             self._strength[axis] = gui.add_slider(
-                f"{axis} %",
+                f"{axis} used %",
                 0,
                 100,
                 1,
@@ -50,7 +50,7 @@ class CorrectionsPanel:
                 hint=f"0 % takes the {axis} as {'the median of the drive' if axis == 'height' else 'zero'}.",
             )
             self._error[axis] = gui.add_slider(
-                f"{axis} + {unit}", -limit, limit, step, 0.0, hint=f"Added to the {axis} in every frame."
+                f"{axis} added {unit}", -limit, limit, step, 0.0, hint=f"Added to the {axis} in every frame."
             )
             page.on_input(self._strength[axis], partial(self._set_strength, axis))
             page.on_input(self._error[axis], partial(self._set_error, error_field(axis)))

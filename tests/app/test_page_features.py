@@ -83,7 +83,7 @@ def test_debug_shows_limits(page: Any) -> None:
 
 def test_corrections_redraw_the_live_path(page: Any, fresh: Hub) -> None:
     tab(page, "Correct")
-    entry = slider_entry(page, "pitch %")
+    entry = slider_entry(page, "pitch used %")
     entry.fill("0")
     entry.press("Enter")
     until(lambda: fresh.shared.settings.corrections.pitch_strength == 0.0, what="slider")

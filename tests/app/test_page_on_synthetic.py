@@ -154,7 +154,7 @@ def test_the_command_palette_finds_everything(page: Any, hub: Hub) -> None:
 
 def test_help_on_hovering(page: Any) -> None:
     tab(page, "Correct")
-    slider_entry(page, "pitch %").hover(force=True)
+    slider_entry(page, "pitch used %").hover(force=True)
     until(lambda: page.get_by_text("0 % takes the pitch as zero").count(), what="hint")
     tab(page, "Guide")
 
@@ -183,7 +183,7 @@ def test_an_earlier_run_opens_with_everything(page: Any, hub: Hub) -> None:
     assert hub.shared.session.wait(20.0)
     assert all(r.checks and r.ok for r in hub.shared.session.snapshot.results)
     tab(page, "Correct")
-    number = slider_entry(page, "pitch + °")
+    number = slider_entry(page, "pitch added °")
     number.fill("0.5")
     number.press("Enter")
     until(lambda: "live" in hub.shared.scene.scene._paths, what="live path of a run")

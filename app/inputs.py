@@ -1,0 +1,52 @@
+"""What a browser may send: only the value of a control, and only one that the page itself could have made.
+
+viser takes over whatever a message says and passes it on to every browser; a hostile or broken client could stop
+the page for a whole class. The check is put in front of viser's own handler, which leans on its internals: the
+version is pinned and a test watches over it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+from viser import GuiApi, _messages
+
+LOG = logging.getLogger(__name__)
+LONGEST_TEXT = 4_000
+
+
+def acceptable(control: Any, value: Any) -> bool:
+    """Whether `value` is one that a person can set on a control (a viser handle)."""
+    now = control._impl.value
+    options = getattr(control, "options", None)
+    if options is not None:
+        return isinstance(value, str) and value in options
+    if isinstance(now, bool):
+        return isinstance(value, bool)
+    if isinstance(now, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            return False
+        low, high = getattr(control, "min", None), getattr(control, "max", None)
+        return (low is None or low <= value) and (high is None or value <= high)
+    return isinstance(now, str) and isinstance(value, str) and len(value) <= LONGEST_TEXT
+
+
+def guard(gui: GuiApi) -> None:
+    """Refuse every other message that would change a control of `gui`."""
+    original = gui._handle_gui_updates
+
+    async def checked(client_id: int, message: _messages.GuiUpdateMessage) -> None:
+        control = gui._gui_input_handle_from_uuid.get(message.uuid)
+        if control is None:
+            return
+        if message.updates.keys() == {"value"} and acceptable(control, message.updates["value"]):
+            await original(client_id, message)  # type: ignore[arg-type]
+            return
+        LOG.info("browser %d sent a value that no person can set: refused", client_id)
+        held = _messages.GuiUpdateMessage(message.uuid, {"value": control._impl.value})
+        gui._websock_interface.queue_message(held)
+
+    gui._websock_interface.unregister_handler(_messages.GuiUpdateMessage, original)
+    gui._websock_interface.register_handler(_messages.GuiUpdateMessage, checked)
