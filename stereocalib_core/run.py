@@ -87,6 +87,8 @@ class Job:
             "source": self.source.content_key,
             "camera": dataclasses.asdict(self.source.camera),
             "settings": settings.to_dict(self.config),
+            "rig": None if self.rig is None else dataclasses.asdict(self.rig),
+            "tolerances": {axis: dataclasses.asdict(limit) for axis, limit in self.tolerances.items()},
             "first frame": self.start,
         }
 
@@ -118,7 +120,9 @@ def run_drive(
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
     resume = resume and not overwrite
     if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
-        return _finished(job)
+        report = _finished(job)
+        if report is not None:
+            return report
     earlier, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
     folder.create()
     try:
@@ -135,13 +139,19 @@ def _resumable(out: Path, resume: bool) -> bool:
     return resume and checkpoint.is_file() and checkpoint.stat().st_size > 0
 
 
-def _finished(job: Job) -> dict[str, Any]:
-    """The report of a run that needs no resuming, if it was this one."""
-    report = io.read_json(job.out / "report.json")
-    wanted = (io.plain(settings.to_dict(job.config)), job.stop - job.start)
-    if (io.read_json(job.out / "config.json"), report.get("frames")) != wanted:
-        raise OutputError("finished run of other settings", job.out, "name a new folder, or add --overwrite")
-    return report
+def _finished(job: Job) -> dict[str, Any] | None:
+    """The report of a run that needs no resuming; raises OutputError when it was another one.
+
+    None where only the recording is lacking: the frames are a checkpoint again, and the run goes on from its end.
+    """
+    done, _ = read_checkpoint(job.out / FRAMES, job.header())
+    if len(done) != job.stop - job.start:
+        remedy = f"it has {len(done)} frames; name a new folder, or add --overwrite"
+        raise OutputError("finished run of other frames", job.out, remedy)
+    if job.record and not (job.out / "recording.rrd").is_file():
+        (job.out / FRAMES).replace(job.out / CHECKPOINT)
+        return None
+    return io.read_json(job.out / "report.json")
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:

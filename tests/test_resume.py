@@ -23,12 +23,15 @@ from stereocalib_core.pipeline import FrontEndMemory
 from stereocalib_core.results import (
     Check,
     FrameResult,
+    Measured,
     RectificationSample,
+    Rig,
     RoadEstimate,
     RoadResidual,
     Tracks,
 )
 from stereocalib_core.run import CHECKPOINT, run_drive
+from stereocalib_core.tolerance import Tolerance
 
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
 
@@ -188,7 +191,7 @@ def test_killed_twice_and_resumed(tmp_path: Path, kitti_03: Path, undisturbed: P
     before = (out / "report.json").read_bytes()
     run_drive(str(kitti_03), out, (20, 33), resume=True)  # already finished: nothing to do
     assert (out / "report.json").read_bytes() == before
-    with pytest.raises(OutputError, match="finished run of other settings"):
+    with pytest.raises(OutputError, match="finished run of other frames"):
         run_drive(str(kitti_03), out, (20, 30), resume=True)
 
 
@@ -302,3 +305,25 @@ def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:
     assert header["camera"]["focal_px"] > 0
     assert done[-1].result.tracks is not None
     assert done[-1].result.checks
+
+
+def test_resume_of_a_finished_run_is_of_that_run_only(tmp_path: Path) -> None:
+    spec, out = (
+        "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55",
+        tmp_path / "run",
+    )
+    run_drive(spec, out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    for changed, options in (
+        ("source", {"spec": spec + "&seed=3"}),
+        ("settings", {"config": PipelineConfig(method="paper")}),
+        ("rig", {"rig": Rig(yaw_rad=Measured(0.01, 0.001))}),
+        ("tolerances", {"tolerances": {"height_m": Tolerance(1.65, 0.1)}}),
+    ):
+        with pytest.raises(OutputError, match=f"{changed} changed"):
+            run_drive(**{"spec": spec, "out": out, "resume": True, **options})
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    run_drive(spec, out, resume=True, rrd=True)
+    after = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert sorted(after) == sorted([*before, "recording.rrd"])
+    assert all(after[name] == before[name] for name in SAME_BYTES)
