@@ -19,7 +19,7 @@ from stereocalib_core.lidar_camera.lidar_road import scan_residual
 from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
 from stereocalib_core.results import FrameResult, Tracks
 from stereocalib_core.rig.rectification import Examination, examine
-from stereocalib_core.road.estimate import RoadResult, estimate_road
+from stereocalib_core.road.estimate import RoadResult, begin_road, estimate_road, finish_road
 from stereocalib_core.road.stages import RoadStages
 from stereocalib_core.road.uv_disparity import v_disparity
 
@@ -47,14 +47,18 @@ _ROW_CHECK = ThreadPoolExecutor(2, thread_name_prefix="row-check")
 def look_at_pair(
     camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig
 ) -> tuple[Examination, RoadResult, dict[str, float]]:
-    """The pair's check of its own rows and its road, side by side as neither needs the other; and the stages' ms."""
+    """The pair's check of its own rows and its road, and the stages' ms.
+
+    Neither needs the other: the rows are checked on the core that is free once the disparity is there.
+    """
 
     def check_rows() -> tuple[Examination, float]:
         began = time.perf_counter()
         return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
 
+    begun = begin_road(left, right, camera, config)
     rows = _ROW_CHECK.submit(check_rows)
-    road = estimate_road(left, right, camera, config)
+    road = finish_road(begun, left, right, camera, config)
     examined, took = rows.result()
     return examined, road, {"rectification": took, **road.timing_ms}
 

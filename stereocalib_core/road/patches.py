@@ -68,7 +68,8 @@ def lay_patches(
     return np.array(us, np.int64), np.array(vs, np.int64), np.array(zs, np.float64)
 
 
-@njit(cache=True, nogil=True)
+# Sums may be reordered, so that several pixels are taken at once.
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def align(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
@@ -156,6 +157,7 @@ def align(
         sums[p, 5] = rr
 
 
+@njit(cache=True, nogil=True)
 def offsets_of(sums: Float, u: Float, trust: Float, pixels: int) -> tuple[Float, Float]:
     """Each patch's disparity offset [px] from the plane and its sigma (inf = nothing to see).
 
@@ -163,7 +165,7 @@ def offsets_of(sums: Float, u: Float, trust: Float, pixels: int) -> tuple[Float,
     dv = dv_0 + dv_1 u for the lane, found from all patches with their own offsets eliminated. Without it an
     edge that runs nearly along the rows would turn dv into disparity.
     """
-    uu, uv, vv, ur, vr, rr = sums.T
+    uu, uv, vv, ur, vr, rr = sums[:, 0], sums[:, 1], sums[:, 2], sums[:, 3], sums[:, 4], sums[:, 5]
     seen = uu > 1e-6
     safe = np.where(seen, uu, 1.0)
     information = np.where(seen, np.maximum(vv - uv * uv / safe, 0.0), 0.0)

@@ -96,18 +96,25 @@ def _vote_lines(
 ) -> Float:
     """Hough votes (tilt, slope, intercept) of every n-th cell for the line v = slope d + tilt (u - cx) + intercept."""
     votes = np.zeros((len(tilts), len(slopes), rows))
+    fall = np.empty(len(slopes))
     for k in range(0, len(v), every):
-        weight = 1.0
+        for s in range(len(slopes)):
+            fall[s] = slopes[s] * d[k] / row_bin
         for t in range(len(tilts)):
             level = (v[k] - tilts[t] * (u[k] - cx) - first) / row_bin
             for s in range(len(slopes)):
-                i = int(level - slopes[s] * d[k] / row_bin)
+                i = int(level - fall[s])
                 if 0 <= i < rows:
-                    votes[t, s, i] += weight
+                    votes[t, s, i] += 1.0
     return votes
 
 
-@njit(cache=True, nogil=True)
+_AT_REST_PX = 1e-4
+"""A line that moves by less anywhere in the picture has converged."""
+
+
+# Sums may be reordered, so that several cells are taken at once.
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def _refine_line(
     v: Float,
     d: Float,
@@ -117,12 +124,13 @@ def _refine_line(
     relative_tolerance: float,
     rounds: int,
 ) -> tuple[float, float, int, float, Float]:
-    """Least squares of d on v among the cells near the line, repeated with Tukey weights.
+    """Least squares of d on v among the cells near the line, repeated with Tukey weights until it rests.
 
     Rows are exact and disparities are not, so d is regressed on v; returns slope, intercept, inliers,
     residual sigma of d [px] and the (2, 2) normal matrix of (gain, offset) in d = gain v' + offset.
     """
     gain, offset = 1.0 / slope, -intercept / slope
+    top, bottom = v.min(), v.max()
     inliers, sigma = 0, 0.0
     normal = np.zeros((2, 2))
     for _ in range(rounds):
@@ -132,22 +140,25 @@ def _refine_line(
             expected = gain * v[k] + offset
             limit = tolerance + relative_tolerance * expected
             r = (d[k] - expected) / limit
-            if abs(r) < 1.0:
-                w = (1.0 - r * r) ** 2
-                s0 += w
-                s1 += w * v[k]
-                s2 += w * v[k] * v[k]
-                t0 += w * d[k]
-                t1 += w * d[k] * v[k]
-                e2 += w * (d[k] - expected) ** 2
-                inliers += 1
+            inside = max(1.0 - r * r, 0.0)
+            w = inside * inside
+            s0 += w
+            s1 += w * v[k]
+            s2 += w * v[k] * v[k]
+            t0 += w * d[k]
+            t1 += w * d[k] * v[k]
+            e2 += w * (d[k] - expected) ** 2
+            inliers += inside > 0.0
         det = s0 * s2 - s1 * s1
         if inliers < 20 or det <= 1e-9:
             return np.nan, np.nan, inliers, np.nan, normal
-        gain = (s0 * t1 - s1 * t0) / det
-        offset = (s2 * t0 - s1 * t1) / det
+        gain_step = (s0 * t1 - s1 * t0) / det - gain
+        offset_step = (s2 * t0 - s1 * t1) / det - offset
+        gain, offset = gain + gain_step, offset + offset_step
         sigma = np.sqrt(e2 / s0)
         normal[0, 0], normal[0, 1], normal[1, 0], normal[1, 1] = s2, s1, s1, s0
+        if max(abs(gain_step * top + offset_step), abs(gain_step * bottom + offset_step)) < _AT_REST_PX:
+            break
     return 1.0 / gain, -offset / gain, inliers, sigma, normal
 
 

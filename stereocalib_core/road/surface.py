@@ -105,22 +105,7 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
     A, right = H / scale, b / scale
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
-    prior = np.zeros((len(sizes), unknowns, unknowns))
-    free = np.arange(SLOTS, unknowns)
-    prior[:, free, free] = sizes[:, None] ** -2.0
-    inverse = np.linalg.inv(A + prior)
-    solutions = inverse @ right
-    log_evidence = (
-        0.5 * solutions @ right
-        + 0.5 * np.linalg.slogdet(inverse)[1]
-        - (unknowns - SLOTS + config.bend_reluctance) * np.log(sizes)
-    )
-    share = np.exp(log_evidence - log_evidence.max())
-    share /= share.sum()
-    solution = share @ solutions
-    apart = solutions - solution
-    average = np.einsum("k,kij->ij", share, inverse)
-    covariance = average + np.einsum("k,ki,kj->ij", share, apart, apart)
+    solution, covariance, average = _average_over_bends(A, right, sizes, config.bend_reluctance)
     return LaneFit(
         solution,
         covariance,
@@ -128,6 +113,41 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
         robust,
         offset - J @ solution,
     )
+
+
+@njit(cache=True, nogil=True)
+def _average_over_bends(
+    A: Float, right: Float, sizes: Float, reluctance: float
+) -> tuple[Float, Float, Float]:
+    """Solution of A x = right with bends of each size beforehand, averaged by their evidence.
+
+    Gives the solution, its covariance over all sizes, and the average inverse of A.
+    """
+    unknowns = len(right)
+    inverse = np.empty((len(sizes), unknowns, unknowns))
+    solutions, log_evidence = np.empty((len(sizes), unknowns)), np.empty(len(sizes))
+    for k in range(len(sizes)):
+        information = A.copy()
+        for bend in range(SLOTS, unknowns):
+            information[bend, bend] += sizes[k] ** -2.0
+        inverse[k] = np.linalg.inv(information)
+        solutions[k] = inverse[k] @ right
+        log_evidence[k] = (
+            0.5 * np.sum(solutions[k] * right)
+            - 0.5 * np.linalg.slogdet(information)[1]
+            - (unknowns - SLOTS + reluctance) * np.log(sizes[k])
+        )
+    share = np.exp(log_evidence - log_evidence.max())
+    share /= share.sum()
+    solution, average = np.zeros(unknowns), np.zeros((unknowns, unknowns))
+    for k in range(len(sizes)):
+        solution += share[k] * solutions[k]
+        average += share[k] * inverse[k]
+    covariance = average.copy()
+    for k in range(len(sizes)):
+        apart = solutions[k] - solution
+        covariance += share[k] * np.outer(apart, apart)
+    return solution, covariance, average
 
 
 def unmodelled_covariance(
