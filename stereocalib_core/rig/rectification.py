@@ -146,10 +146,9 @@ def fit_rows(camera: StereoCamera, points: Floats) -> RectificationSample | None
 
 
 def _behind_and_ahead(camera: StereoCamera, matches: RowMatches) -> tuple[int, int]:
-    """Clear matches behind and ahead of infinity."""
+    """Clear matches behind and ahead of infinity; those close to it do not tell left from right."""
     disparity = matches.coarse_px - camera.disparity_offset_px
-    behind = int((disparity < _BEHIND_PX).sum())
-    return behind, len(disparity) - behind
+    return int((disparity < _BEHIND_PX).sum()), int((disparity > -_BEHIND_PX).sum())
 
 
 def examine(
@@ -168,7 +167,7 @@ def examine(
     near, far = offset + config.search_px, offset - 0.4 * config.search_px
     matches = row_matches(left, right, far, near)
     behind, ahead = _behind_and_ahead(camera, matches)
-    few = behind + ahead < config.clear_fraction * matches.corners
+    few = len(matches.coarse_px) < config.clear_fraction * matches.corners
     if matches.corners >= config.min_matches and (few or 3 * behind > ahead):
         # Swapped pictures and rows far apart both look like no match: look harder (slow, so only then).
         matches = row_matches(left, right, far, near, thorough=True)

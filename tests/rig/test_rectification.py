@@ -13,6 +13,7 @@ from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import StereoCamera, rotation_x, rotation_z
 from stereocalib_core.results import FrameResult
 from stereocalib_core.rig.rectification import examine, fit_rows, summarise
+from stereocalib_core.sources.synthetic import SyntheticSource
 
 CAMERA = StereoCamera(620, 240, 400.0, 309.0, 118.0, 0.54)
 
@@ -74,6 +75,16 @@ def test_swapped_cameras_are_named() -> None:
     assert report.verdict == "bad"
     assert "swapped" in report.why
     assert report.as_report()["relative_pitch_deg"] is None
+
+
+def test_what_is_far_away_does_not_hide_that_pictures_are_swapped() -> None:
+    source = SyntheticSource.from_spec("synthetic:plane?frames=9&fault=swap@0-8")
+    for i in (0, 4, 8):
+        frame = source[i]
+        assert frame.left is not None and frame.right is not None
+        swapped = examine(source.camera, frame.left, frame.right).failure
+        assert swapped is not None and swapped.reason is FailureReason.SWAPPED
+        assert examine(source.camera, frame.right, frame.left).failure is None
 
 
 def test_a_change_within_the_drive_is_reported_with_its_frames() -> None:
