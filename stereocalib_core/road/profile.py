@@ -242,6 +242,7 @@ def _slopes_at_fixed_disparity(
         if n < 30:
             continue
         best, slope, offset = -1, 0.0, 0.0
+        some_x, some_y = x[lo : hi : 1 + n // 200].copy(), y[lo : hi : 1 + n // 200].copy()
         for _ in range(trials):
             i, j = lo + np.random.randint(n), lo + np.random.randint(n)  # noqa: NPY002
             if abs(x[i] - x[j]) < 20.0:
@@ -251,9 +252,8 @@ def _slopes_at_fixed_disparity(
                 continue
             o = y[i] - c * x[i]
             agree = 0
-            for k in range(lo, hi, 1 + n // 200):
-                if abs(y[k] - c * x[k] - o) < tolerance_px:
-                    agree += 1
+            for k in range(len(some_x)):
+                agree += abs(some_y[k] - c * some_x[k] - o) < tolerance_px
             if agree > best:
                 best, slope, offset = agree, c, o
         if best < 0:
