@@ -270,7 +270,7 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",  # any free port: a busy default one would be complained about
         silence_logs=logging.CRITICAL,
         env={"NUMBA_NUM_THREADS": "1"},
     )

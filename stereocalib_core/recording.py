@@ -51,6 +51,8 @@ class Recorder:
     """Sends frames and the analysed drive to one Rerun recording: a file, or a viewer when `path` is None."""
 
     def __init__(self, camera: StereoCamera, config: DisparityConfig, name: str, path: Path | None) -> None:
+        # What fails is raised here in one line; Rerun would write its own log to stderr besides.
+        os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
         self._rr = rr

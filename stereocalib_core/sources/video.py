@@ -40,10 +40,10 @@ def open_video(spec: str) -> Recording:
 
 def _parts(spec: str) -> tuple[str, Path]:
     name, _, query = spec.removeprefix("video:").rpartition("?")
-    options = dict(parse_qsl(query, keep_blank_values=True))
-    if not name or set(options) != {"camera"} or not options["camera"]:
+    options = parse_qsl(query, keep_blank_values=True)
+    if not name or len(options) != 1 or options[0][0] != "camera" or not options[0][1]:
         raise SourceError("bad video source", spec, "write video:FILE?camera=camera.yaml")
-    camera = Path(options["camera"]).expanduser()
+    camera = Path(options[0][1]).expanduser()
     beside = Path(name).expanduser().parent / camera
     return name, beside if not camera.is_file() and beside.is_file() else camera
 
