@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -33,8 +34,9 @@ class CardRow:
 
 
 def plain_units(line: str) -> str:
-    """A line of the report in the page's spelling: ±, °, and a real minus."""
-    return line.replace("+-", "±").replace(" deg", "°").replace("-0.", "−0.")
+    """A line of the report in the page's spelling: ±, °, a real minus, and no sign before a nought."""
+    line = re.sub(r"[+-](?=0\.0+(?![\d.]))", "", line.replace("+-", "±"))
+    return line.replace(" deg", "°").replace("-0.", "−0.")
 
 
 def shift_words(shift: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -28,14 +28,18 @@ class Breakage:
 
 @dataclass(frozen=True)
 class Lesson:
-    """One step: its title, the view it sets, its equation in LaTeX, and a few sentences."""
+    """One step: its title, the view it sets, its equations in LaTeX (one a line), and a few sentences."""
 
     title: str
     layout: str
-    latex: str
+    latex: tuple[str, ...]
     words: str
     breakage: Breakage
 
+
+MATH_FONTS: Final = "'Latin Modern Math','STIX Two Math','Cambria Math','Noto Sans Math',math"
+LONG_LINE: Final = 80
+"""In characters of LaTeX."""
 
 BROKEN_STAGES: Final[dict[str, Mapping[str, Any]]] = {
     "short search": {"disparity": DisparityConfig(max_disparity_px=32)},
@@ -53,7 +57,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Disparity",
         "disparity",
-        r"\Delta = \frac{\alpha\, b}{S}",
+        (r"\Delta = \frac{\alpha\, b}{S}",),
         "Each pixel of the left image is looked for in the same row of the right one. How far it moved is its "
         "disparity Δ: large when near, zero at infinity. Focal length α and baseline b turn it into depth S.",
         Breakage(
@@ -63,7 +67,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "u-disparity",
         "u-disparity",
-        r"n(\Delta, u) = \#\{\, v : \Delta(u, v) = \Delta \,\}",
+        (r"n(\Delta, u) = \#\{\, v : \Delta(u, v) = \Delta \,\}",),
         "Count, in every column, how often each disparity occurs. A wall or a car keeps one disparity over many "
         "rows and piles up (orange). The road changes with every row and spreads thin (blue).",
         Breakage("Accept every pile as road", "nothing is orange any more", stages="no obstacles"),
@@ -71,15 +75,15 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Free map",
         "free map",
-        r"\text{free} = \text{valid} \setminus \text{piles}",
-        "Take the piles out and the free map is left: where a car could stand. Only here the road is looked for. "
-        "Green cells agree with the plane that is found in the end.",
+        (r"\text{free} = \{\, (u, v) : n(\Delta(u, v), u) \le n_\text{road} \,\}",),
+        "Take the piles out, cells with more in them than a road can bring, and the free map is left: where a car "
+        "could stand. Only here the road is looked for. Green cells agree with the plane that is found in the end.",
         Breakage("Keep cars and walls", "walls and cars count as free", stages="no obstacles"),
     ),
     Lesson(
         "v-disparity",
         "v-disparity",
-        r"v = C_r\, \Delta + v_{\Delta 0}",
+        (r"v = C_r\, \Delta + v_{\Delta 0}",),
         "Count, in every row of the free map, how often each disparity occurs. All of a flat road falls on one "
         "straight line, the road profile (yellow).",
         Breakage("Whole map instead of free map", "the line drowns in walls and cars", stages="no obstacles"),
@@ -87,7 +91,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Pitch and height",
         "v-disparity",
-        r"\theta = \arctan\frac{v_0 - v_{\Delta 0}}{\alpha}, \qquad h = C_r\, b \cos\theta",
+        (r"\theta = \arctan\,\frac{v_0 - v_{\Delta 0}}{\alpha}", r"h = C_r\, b\, \cos\theta"),
         "Where the profile meets disparity zero lies the horizon: that is the pitch θ. The slope of the profile "
         "is the height h over the baseline b.",
         Breakage(
@@ -99,8 +103,8 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Roll",
         "free map",
-        r"\rho = \arctan(C \cos\theta), \qquad v = C\,u + d \text{ at one } \Delta",
-        "At one fixed disparity the road is a line across the image. Its slope is the roll ρ. No trial "
+        (r"v = C\, u + d \quad\text{at one } \Delta", r"\rho = \arctan(C\, \cos\theta)"),
+        "At one fixed disparity the road is a line across the image. Its slope C gives the roll ρ. No trial "
         "projections are needed.",
         Breakage(
             "Add 2° of roll", "the live road tilts against the real one", corrections={"roll_error_deg": 2.0}
@@ -109,9 +113,10 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Yaw",
         "all stages",
-        r"\varphi = \operatorname{atan2}(d_x, d_z), \qquad d = R^\top K^{-1} (u_{vp}, v_{vp}, 1)^\top",
+        (r"d = R^T K^{-1}\, (u_\text{vp},\, v_\text{vp},\, 1)^T", r"\varphi = \text{atan2}(d_x,\, d_z)"),
         "When the car drives straight, the tracks on the road meet in one point, the vanishing point of travel. "
-        "Its direction d against the camera's axis is the yaw φ. Only straight driving shows it.",
+        "Its direction d, with pitch and roll (R) and the camera (K) taken out, is the yaw φ. Only straight driving "
+        "shows it.",
         Breakage(
             "Take yaw out (no side slip)",
             "with a model that forbids side slip, every metre turns the path a little",
@@ -121,7 +126,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Filter",
         "all stages",
-        r"x_{k+1} = f(x_k) + w_k, \qquad z_k = h(x_k) + n_k",
+        (r"x_{k+1} = f(x_k) + w_k", r"z_k = h(x_k) + n_k"),
         "The car's body swings on its springs about a mount that hardly moves. The filter knows both, weighs each "
         "measurement by its σ, and predicts through failed frames (marked, σ growing).",
         Breakage(
@@ -131,9 +136,13 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     Lesson(
         "Odometry",
         "all stages",
-        r"X = \tfrac{b}{\Delta}(\ldots), \quad Z = \tfrac{b}{\Delta}(\alpha\cos\theta - \sin\theta\,(v - v_0))",
-        "Points tracked on the road become metres by height, pitch and roll. The motion between frames adds up to "
-        "the path. Every error of the calibration is summed over the whole drive.",
+        (
+            r"X = \frac{b}{\Delta}\, (\cos\rho\; \bar u + \sin\rho\, (\cos\theta\; \bar v + \alpha\, \sin\theta))",
+            r"Z = \frac{b}{\Delta}\, (\alpha\, \cos\theta - \sin\theta\; \bar v)",
+            r"T_{k+1} = T_k\; T_{k \to k+1}",
+        ),
+        "Points tracked on the road become metres by height, pitch and roll (ū, v̄: from the principal point). The "
+        "motion between frames adds up to the path, and so does every error of the calibration.",
         Breakage(
             "Take pitch and roll out",
             "the path shrinks or grows and bends: calibration matters",
@@ -148,7 +157,10 @@ def broken_corrections(breakage: Breakage) -> Corrections:
     return Corrections(**(breakage.corrections or {}))
 
 
-def equation_html(latex: str) -> str:
-    """An equation as MathML, which browsers typeset themselves."""
-    markup = convert(latex, display="block")
-    return f'<div style="font-size:1.15em;padding:0.4em 0.2em;overflow-x:auto">{markup}</div>'
+def equation_html(latex: Sequence[str]) -> str:
+    """Equations, one a line, as MathML, which browsers typeset themselves."""
+    lines = "".join(f'<div style="margin:0.35em 0">{convert(line, display="block")}</div>' for line in latex)
+    style = f"font-family:{MATH_FONTS};padding:0.2em 0.4em 0.5em;overflow-x:auto"
+    # a longer line is set smaller, so that none has to be scrolled
+    size = 1.1 if max(map(len, latex)) < LONG_LINE else 0.92
+    return f'<div class="equations" style="{style};font-size:{size}em">{lines}</div>'

@@ -20,6 +20,8 @@ MAX_EDGES = 200
 """With more of them nobody could see a slope."""
 MARGIN_PX, AXIS_PX, PADDING_PX, TOP_PX = 9.25, 60, 8, 6
 """Of a plot in its panel: margin, y axis with its label, right padding, top padding."""
+NOW_CSS = "var(--mantine-color-text)"
+"""White on dark, black on light: no curve and no band is."""
 AXIS_INK = "#8b929b"
 GRID_INK = "rgba(139,146,155,0.22)"
 
@@ -140,7 +142,7 @@ def now_line(chart: Chart, now: float | None, height: int) -> str:
     line = f"position:absolute;left:{left};top:{MARGIN_PX + TOP_PX}px;height:{height}px;width:2px;margin-left:-1px"
     return (
         '<div style="position:relative;height:0;z-index:3;pointer-events:none">'
-        f'<div style="{line};background:{palette.css(palette.NOW)}"></div></div>'
+        f'<div style="{line};background:{NOW_CSS}"></div></div>'
     )
 
 

@@ -172,24 +172,42 @@ def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
     picture = _counts_picture([(rest, palette.FREE), (piles, palette.OBSTACLE)])
     body = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     legend = [("free", palette.FREE), ("upright", palette.OBSTACLE)]
-    canvas.put_label(body, "far", 4, 2, palette.INK_SOFT, 18)
-    canvas.put_label(body, "near", 4, height - 30, palette.INK_SOFT, 18)
+    if width >= WIDTH_PX:
+        columns = stages.disparity.columns_u()
+        draw_axes(
+            body, ("column u [px]", float(columns[-1]), 200), ("disparity [px]", bins * stages.bin_px, 20)
+        )
+    else:
+        canvas.put_label(body, "far", 4, 2, palette.INK_SOFT, 18)
+        canvas.put_label(body, "near", 4, height - 30, palette.INK_SOFT, 18)
     return canvas.titled(body, "u-disparity", legend)
 
 
-def draw_axes(picture: Picture, disparity_px: float, rows_px: float) -> None:
-    """Ticks of disparity along the lower edge and of image rows along the left one [px]. In place."""
+Axis = tuple[str, float, int]
+"""Its name with its unit, the value at its end, and the distance between ticks."""
+
+
+def draw_axes(picture: Picture, along: Axis, down: Axis) -> None:
+    """Ticks and names along the lower and the left edge, both from 0 at the upper left. In place."""
     height, width = picture.shape[:2]
-    for value in range(20, int(disparity_px) - 8, 20):
-        x = int(value * width / disparity_px)
+    name, end, step = along
+    name_px = canvas.text_width(name, 18) + 14
+    for value in range(step, int(end), step):
+        x = int(value * width / end)
+        if x > width - name_px - 30:
+            break
         canvas.polyline(picture, np.array([[x, height - 9.0], [x, height - 1.0]]), palette.INK_SOFT, 2)
         canvas.put_label(picture, f"{value}", x - 18, height - 38, palette.INK_SOFT, 18)
-    canvas.put_label(picture, "disparity [px]", width, height - 38, palette.INK_SOFT, 18)
-    for value in range(100, int(rows_px) - 40, 100):
-        y = int(value * height / rows_px)
-        canvas.polyline(picture, np.array([[0.0, y], [8.0, y]]), palette.INK_SOFT, 2)
-        canvas.put_label(picture, f"{value}", 10, y - 14, palette.INK_SOFT, 18)
-    canvas.put_label(picture, "row v [px]", 4, 4, palette.INK_SOFT, 18)
+    canvas.put_label(picture, name, width, height - 38, palette.INK_SOFT, 18)
+    name, end, step = down
+    for value in range(step, int(end), step):
+        y = int(value * height / end)
+        if y > height - 50:
+            break
+        if y > 44:
+            canvas.polyline(picture, np.array([[0.0, y], [8.0, y]]), palette.INK_SOFT, 2)
+            canvas.put_label(picture, f"{value}", 10, y - 14, palette.INK_SOFT, 18)
+    canvas.put_label(picture, name, 4, 4, palette.INK_SOFT, 18)
 
 
 def v_disparity_view(
@@ -240,7 +258,8 @@ def v_disparity_view(
     legend = [("road", palette.ROAD), ("profile ±10σ", palette.HORIZON)]
     if large:
         legend = [("road", palette.ROAD), ("free", palette.FREE), ("upright", palette.OBSTACLE), legend[1]]
-        draw_axes(body, bins * stages.bin_px, stages.v_disparity.shape[0] * stages.disparity.step_px)
+        rows_px = stages.v_disparity.shape[0] * stages.disparity.step_px
+        draw_axes(body, ("disparity [px]", bins * stages.bin_px, 20), ("row v [px]", rows_px, 100))
     else:
         canvas.put_label(body, "far", 4, height - 30, palette.INK_SOFT, 18)
         canvas.put_label(body, "near", width - 60, height - 30, palette.INK_SOFT, 18)
@@ -267,7 +286,7 @@ def stages_view(
     if layout == "free map":
         return free_map_view(frame, stages, width, height)
     if layout == "u-disparity":
-        return u_disparity_view(stages, width, height)
+        return u_disparity_view(stages, width, int(width * 0.5))
     if layout == "v-disparity":
         return v_disparity_view(stages, camera, width, int(width * 0.62), live)
     left = (width - 12) // 2

@@ -97,7 +97,7 @@ class Scene:
         self._plumb = scene.add_line_segments(
             f"{root}/car/plumb",
             np.array([[[0, 0, 0], [0, -1.65, 0]]], np.float32),
-            palette.NOW,
+            palette.INK_SOFT,
             thickness=3,
             thickness_units="screen",
         )

@@ -5,19 +5,24 @@ It only adds to viser's look: where a rule no longer fits a later viser, the ele
 
 from __future__ import annotations
 
-from app import palette
-
 MARK = "stereocalib-chosen"
 
 _RULES = """
 div:has(> .uplot-container) { margin-bottom: -7px; }
 .uplot-container { border: 0 !important; background: transparent !important; }
 div:has(> p > label:empty) { display: none; }
+[role=tab][aria-selected=true] { color: var(--mantine-color-text) !important; }
+:root:root[data-mantine-color-scheme=dark] { --mantine-color-dimmed: #9a9da3; }
+:root:root[data-mantine-color-scheme=light] { --mantine-color-dimmed: #656d75;
+  --mantine-primary-color-filled: #005c94; --mantine-color-custom-filled: #005c94;
+  --mantine-color-custom-outline: #005c94; }
+.equations mfrac > * { padding: 0.1em 0.2em; }
+.equations math { font-family: inherit; }
 """
 
 _CHOSEN = (
     f"div:has(> .{MARK}[data-n='%d']) + div button:nth-of-type(%d) "
-    f"{{ background: {palette.css(palette.BRAND)}; border-color: {palette.css(palette.BRAND)}; color: #fff; }}"
+    "{ background: var(--mantine-primary-color-filled); border-color: transparent; color: #fff; }"
 )
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from app.page import Page
 
 NAMES = tuple(name for name in palette.VARIANT if name != "ground_truth")
+DRAWN = (*(name for name in NAMES[::-1] if name != "live"), "live")
+"""The last ones lie on top: the calibrated path over the others, and over it what is tried on it."""
 PLOT_PX = 110
 NOW_PX = 2 * PLOT_PX - 20
 
@@ -25,14 +27,14 @@ def error_charts(moment: Moment | None) -> list[Chart]:
     known = {n: e for n, e in errors.items() if e.distance_m is not None and hidden.get(n, True)}
     if not known:
         x = np.array([0.0, 1.0])
-        empty = tuple(Curve(palette.VARIANT_NAME[n], np.full(2, np.nan), palette.VARIANT[n]) for n in NAMES)
+        empty = tuple(Curve(palette.VARIANT_NAME[n], np.full(2, np.nan), palette.VARIANT[n]) for n in DRAWN)
         labels = ("error m", "heading °")
         return [Chart(x, empty, (), (0.0, 1.0), label, "distance m", "metres") for label in labels]
     x = np.asarray(next(iter(known.values())).distance_m, dtype=np.float64)
     charts = []
     for label, pick in (("error m", "miss_m"), ("heading °", "heading_deg")):
         curves = []
-        for name in NAMES:
+        for name in DRAWN:
             values = getattr(known[name], pick) if name in known else None
             held = np.full(len(x), np.nan)
             if values is not None:

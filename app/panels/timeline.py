@@ -12,6 +12,7 @@ from app.moment import Moment
 from app.panels.errors import ErrorsPanel
 from app.plots import Chart, Curve
 from app.session import Snapshot
+from app.style import chosen
 from app.tables import numbers_table
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.io import SavedRun
@@ -27,6 +28,7 @@ TRANSPORT = ("◀ failure", "◀ step", "play", "step ▶", "failure ▶")
 TRANSPORT_PLAYING = tuple("pause" if name == "play" else name for name in TRANSPORT)
 SPEEDS = ("¼×", "½×", "1×", "2×", "4×")
 SPEED_OF = dict(zip(SPEEDS, (0.25, 0.5, 1.0, 2.0, 4.0), strict=True))
+SPEED_NAME = {speed: name for name, speed in SPEED_OF.items()}
 PLOT_PX = 58
 NOW_PX = 3 * PLOT_PX - 4
 """Height of the line at `now`, over all three plots."""
@@ -112,20 +114,21 @@ def extrinsics_charts(
 def legend_line(with_truth: bool, with_compared: bool = False) -> str:
     """The legend of the charts as HTML."""
 
-    def mark(symbol: str, color: palette.Rgb, name: str) -> str:
-        return f'<span style="color:{palette.css(color)}">{symbol}</span> {name}'
+    def mark(symbol: str, color: palette.Rgb | str, name: str) -> str:
+        css = color if isinstance(color, str) else palette.css(color)
+        return f'<span style="margin-left:1em"><span style="color:{css}">{symbol}</span> {name}</span>'
 
     parts = [
         mark("●", palette.RAW, "this pair"),
         mark("━", palette.FILTERED, "filtered ± σ"),
         mark("█", palette.FAILED, "failed"),
-        mark("┃", palette.NOW, "now"),
+        mark("┃", plots.NOW_CSS, "now"),
     ]
     if with_compared:
         parts.insert(2, mark("┅", palette.COMPARED, "other run"))
     if with_truth:
         parts.insert(2, mark("┅", palette.TRUTH, "truth"))
-    return f'<span style="font-size:0.85em;white-space:nowrap">{" &nbsp; ".join(parts)}</span>'
+    return f'<div style="{LEGEND}">{"".join(parts)}</div>'
 
 
 def now_table(moment: Moment) -> str:
@@ -151,8 +154,8 @@ def _with_sigma(e: Extrinsics, sigma: np.ndarray) -> tuple[str, ...]:
     )
 
 
-def headline(moment: Moment, legend: str) -> str:
-    """One line of HTML: where we are, how the frame fared, and the legend of the charts."""
+def headline(moment: Moment) -> str:
+    """One line of HTML: where we are and how the frame fared."""
     total = moment.snapshot.total
     result = moment.result
     time_s = float(moment.session.source.timestamps_s[moment.frame]) if total else 0.0
@@ -165,13 +168,15 @@ def headline(moment: Moment, legend: str) -> str:
         state = f'<b style="color:{color}">failed: {html.escape(result.reason)}</b>'
     playing = "▶" if moment.clock.playing else "❚❚"
     where = f"{playing} <b>Frame {moment.frame}</b> of {max(0, total - 1)} · {time_s:.2f} s · {state}"
-    return f'<p style="{HEADLINE}"><span style="white-space:nowrap">{where}</span>{legend}</p>'
+    speed = "" if moment.clock.speed == 1.0 else f" · {SPEED_NAME.get(moment.clock.speed, '')}"
+    return f'<p style="{HEADLINE}">{where}{speed}</p>'
 
 
 HEADLINE = (
-    "display:flex;flex-wrap:wrap;justify-content:space-between;gap:0 1em;margin:0.1em 0.8em 0.3em;"
-    "font-size:0.875em;line-height:1.5"
+    "margin:0.1em 0.8em 0.3em;font-size:0.875em;line-height:1.5;white-space:nowrap;overflow:hidden;"
+    "text-overflow:ellipsis"
 )
+LEGEND = "display:flex;justify-content:flex-end;margin:-0.1em 1em -0.5em;font-size:0.75em;white-space:nowrap"
 
 
 class TimelinePanel:
@@ -196,10 +201,12 @@ class TimelinePanel:
                 TRANSPORT,
                 hint="Previous failure, step back, play or pause, step on, next failure.",
             )
+            self._legend = gui.add_html(legend_line(self._truth is not None))
             self._plots = self._add_plots(gui)
         with self.panel.add_tab("Path errors"):
             self._errors = ErrorsPanel(page)
         with self.panel.add_tab("Playback"):
+            self._chosen_speed = gui.add_html(chosen(SPEEDS.index("1×")))
             self._speed = gui.add_button_group("Speed", SPEEDS, hint="1× is the recording's own pace.")
             self._loop = gui.add_checkbox("Loop", False, hint="Start over at the end of the drive.")
             self._pause = gui.add_checkbox(
@@ -242,12 +249,14 @@ class TimelinePanel:
 
     def update(self, moment: Moment) -> None:
         """Move `now`, and redraw the curves where the drive changed."""
-        legend = legend_line(self._truth is not None, moment.compared is not None)
-        self._headline.content = headline(moment, legend)
+        self._headline.content = headline(moment)
+        self._legend.content = legend_line(self._truth is not None, moment.compared is not None)
         transport = TRANSPORT_PLAYING if moment.clock.playing else TRANSPORT
         if self._transport.options != transport:
             self._transport.options = transport
         self._slider.value = moment.frame
+        if moment.clock.speed in SPEED_NAME:
+            self._chosen_speed.content = chosen(SPEEDS.index(SPEED_NAME[moment.clock.speed]))
         self._loop.value = moment.clock.loop
         self._pause.value = moment.clock.pause_on_failure
         if moment.drive_changed or moment.compared is not self._compared:

@@ -177,8 +177,22 @@ def test_light_theme_in_this_browser(page: Any) -> None:
     own_box(page, "Light theme").dispatch_event("click")
     scheme = "() => document.documentElement.dataset.mantineColorScheme"
     until(lambda: page.evaluate(scheme) == "light", what="light")
+    until(lambda: page.evaluate(CONTRAST, INK) > 4.5, what="readable on light")
     own_box(page, "Light theme").dispatch_event("click")
     until(lambda: page.evaluate(scheme) == "dark", what="dark")
+    until(lambda: page.evaluate(CONTRAST, INK) > 4.5, what="readable on dark")
+
+
+INK = "[role=tab], button.mantine-Button-root, label, p"
+CONTRAST = """of => { const shade = css => { const c = css.match(/[\\d.]+/g).slice(0, 3).map(v => v / 255)
+    .map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]; };
+  return Math.min(...[...document.querySelectorAll(of)].map(e => { let under = e, back;
+    do { back = getComputedStyle(under).backgroundColor; under = under.parentElement; }
+    while (under && /, 0\\)|transparent/.test(back));
+    const [a, b] = [shade(getComputedStyle(e).color), shade(back)].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05); })); }"""
+"""The least contrast between ink and paper (1...21) of everything that a selector finds."""
 
 
 def test_explore_on_my_own_and_come_back(page: Any, fresh: Hub) -> None:

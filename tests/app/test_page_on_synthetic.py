@@ -33,6 +33,9 @@ DRIVE = f"synthetic:town?frames={FRAMES}&fault=night@{DARK[0]}-{DARK[1]}"
 LIMITS = {"height_m": Tolerance(1.65, 0.05), "pitch_deg": Tolerance(3.0, 0.2)}
 
 
+FITS = "of => { const e = document.querySelector(of); return e.scrollWidth <= e.clientWidth; }"
+
+
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synthetic")
@@ -73,9 +76,9 @@ def test_every_lesson_breaks_and_mends(page: Any, hub: Hub) -> None:
     press(page, "Teach")
     for number, lesson in enumerate(LESSONS):
         until(lambda n=number: page.get_by_text(f"Step {n + 1} of {len(LESSONS)}").is_visible(), what="step")
-        until(lambda: page.locator("math").count() == 1, what="equation")
-        box = page.locator("math").bounding_box()
-        assert box["height"] > 12, lesson.title
+        until(lambda wanted=lesson.latex: page.locator("math").count() == len(wanted), what="equations")
+        assert all(line.bounding_box()["height"] > 8 for line in page.locator("math").all()), lesson.title
+        assert page.evaluate(FITS, ".equations"), lesson.title
         page.get_by_role("button", name="Break it").click(force=True)
         until(lambda: page.get_by_text("Broken:").is_visible(), what=f"{lesson.title} broken")
         settings = hub.shared.settings
