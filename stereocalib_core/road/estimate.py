@@ -17,8 +17,8 @@ from stereocalib_core.results import Check, RoadEstimate
 from stereocalib_core.road import disparity as dense
 from stereocalib_core.road import free_map, lane, uv_disparity
 from stereocalib_core.road.lane import LaneSupport
+from stereocalib_core.road.paper import PaperFit, fit_paper
 from stereocalib_core.road.plane import DirectFit, fit_direct
-from stereocalib_core.road.profile import PaperFit, fit_paper
 from stereocalib_core.road.stages import DisparityMap
 
 Grey = NDArray[np.uint8]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig, ProfileConfig
 from stereocalib_core.geometry import Extrinsics, StereoCamera, roll_from_slope
-from stereocalib_core.road.profile import collect, fit_paper, fit_profile, search_profile
+from stereocalib_core.road.paper import fit_paper
+from stereocalib_core.road.profile import collect, fit_profile, search_profile
 from stereocalib_core.road.stages import DisparityMap
 
 _EVERYWHERE_M = 1000.0
