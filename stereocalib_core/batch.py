@@ -32,7 +32,7 @@ from stereocalib_core.batch_summary import DriveOutcome, write_summary
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
 from stereocalib_core.output_folder import OutputFolder
-from stereocalib_core.sources import SourceKind, open_source, source_kind
+from stereocalib_core.sources import SourceKind, absolute, open_source, source_kind
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
 SEALED_FILES = (
@@ -124,8 +124,7 @@ def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
 
 def _absolute(spec: str) -> str:
     """Folders by their full path, since workers may have another working directory."""
-    path = Path(spec)
-    return str(path.resolve()) if path.is_dir() else spec
+    return str(absolute(spec)) if Path(spec).expanduser().is_dir() else spec
 
 
 def _unusable(specs: Sequence[str]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.sources.prefetch import prefetch
 
-__all__ = ["SourceKind", "open_source", "prefetch", "source_kind"]
+__all__ = ["SourceKind", "absolute", "open_source", "prefetch", "source_kind"]
 
 RUN_FILES = ("report.json", "extrinsics.csv")
 
@@ -46,11 +46,18 @@ def source_kind(spec: str) -> SourceKind:
     raise SourceError("no stereo drive", path, _nearest_remedy(path))
 
 
+def absolute(spec: str) -> Path:
+    """The full path as it was named. What lies beside a link (calibration, poses) comes before what lies beside
+    its target, so links stay; but `..` means the folder above the target."""
+    path = Path(spec).expanduser()
+    return path.resolve() if ".." in path.parts else path.absolute()
+
+
 def _existing_folder(spec: str) -> Path:
     if not spec or "\0" in spec:
         raise SourceError("empty source", repr(spec), "name a folder, synthetic, or video:FILE")
     try:
-        path = Path(spec).expanduser().resolve()
+        path = absolute(spec)
         if path.is_dir():
             return path
         if path.exists():
@@ -100,7 +107,7 @@ def open_source(spec: str) -> FrameSource:
         from stereocalib_core.sources import video
 
         return video.open_video(spec)
-    path = Path(spec).expanduser().resolve()
+    path = absolute(spec)
     if kind is SourceKind.KITTI_ODOMETRY:
         return kitti_odometry.open_sequence(path)
     if kind is SourceKind.KITTI_RAW:

@@ -72,6 +72,12 @@ def stereo_camera(
     )
 
 
+def _poses_file(folder: Path) -> Path:
+    """Where the truth of a sequence lies: two folders up from it, or from what it links to."""
+    files = [f.parent.parent / "poses" / f"{f.name}.txt" for f in (folder, folder.resolve())]
+    return next((file for file in files if file.is_file()), files[0])
+
+
 def open_sequence(folder: Path) -> Recording:
     """A sequence folder as a recording; raises SourceError."""
     grey = (folder / "image_0").is_dir()
@@ -89,7 +95,7 @@ def open_sequence(folder: Path) -> Recording:
     check_usable(pairs, picture, folder)
 
     times_s, time_notices = frame_times(read_times(folder / "times.txt"), pairs.rows, KITTI_FPS, "times.txt")
-    poses_file = folder.parent.parent / "poses" / f"{folder.name}.txt"
+    poses_file = _poses_file(folder)
     truth_file = folder / "extrinsics_gt.csv"
     truth, truth_notices = read_ground_truth(poses_file, truth_file, pairs.rows)
     notices = [*pairs.notices, *time_notices, *truth_notices]

@@ -42,10 +42,11 @@ def open_drive(folder: Path) -> Recording:
     """A synchronised and rectified raw drive as a recording; raises SourceError."""
     if folder.name.endswith("_extract"):
         raise SourceError("unrectified raw drive", folder, "use the `_sync` download of the same drive")
-    calib = _read_calib(folder.parent)
+    date_folder = _date_folder(folder)
+    calib = _read_calib(date_folder)
     pairs = match_pairs(folder / "image_00" / "data", folder / "image_01" / "data", numbered=True)
     picture = survey(pairs.present(), folder)
-    cam_file = folder.parent / CALIB_FILES[0]
+    cam_file = date_folder / CALIB_FILES[0]
     camera = stereo_camera(calib["P_rect_00"], calib["P_rect_10"], (picture.width, picture.height), cam_file)
     check_usable(pairs, picture, folder)
 
@@ -67,7 +68,7 @@ def open_drive(folder: Path) -> Recording:
         notices.append(f"velodyne scans without {CALIB_FILES[1]}: left unused")
     else:
         notices.append("no velodyne scans")
-    files = [*pairs.present(), *scans.values(), *(folder.parent / name for name in CALIB_FILES), times_file]
+    files = [*pairs.present(), *scans.values(), *(date_folder / name for name in CALIB_FILES), times_file]
     return Recording(
         name=folder.name,
         camera=camera,
@@ -78,6 +79,12 @@ def open_drive(folder: Path) -> Recording:
         T_camera_lidar=T_camera_lidar,
         content_key=content_key("kitti_raw", files, pairs.stems, truth is not None),
     )
+
+
+def _date_folder(folder: Path) -> Path:
+    """Where the calibration of the drive lies: beside its folder, or beside what that links to."""
+    beside = folder.parent, folder.resolve().parent
+    return next((place for place in beside if (place / CALIB_FILES[0]).is_file()), folder.parent)
 
 
 def _read_calib(date_folder: Path) -> dict[str, Any]:

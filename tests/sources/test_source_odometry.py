@@ -276,3 +276,16 @@ def test_real_drives_open_without_a_word(kitti_06: Path, kitti_03: Path) -> None
             assert source.ground_truth is not None
             assert source.ground_truth.poses is not None
             assert source.ground_truth.poses[50, 2, 3] == pytest.approx(path_m, abs=0.1)
+
+
+def test_the_truth_beside_a_link_comes_before_that_of_its_target(tmp_path: Path) -> None:
+    drive = odometry_drive(tmp_path / "there", frames=6, poses=6)
+    link = tmp_path / "here" / "sequences" / "00"
+    link.parent.mkdir(parents=True)
+    link.symlink_to(drive)
+    truth = open_source(str(link)).ground_truth
+    assert truth is not None and truth.poses is not None and truth.poses[5, 2, 3] == 5.0
+    (tmp_path / "here" / "poses").mkdir()
+    (tmp_path / "here" / "poses" / "00.txt").write_text(poses_text(6).replace(" 5.0\n", " 7.0\n"))
+    truth = open_source(str(link)).ground_truth
+    assert truth is not None and truth.poses is not None and truth.poses[5, 2, 3] == 7.0

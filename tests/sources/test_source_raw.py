@@ -110,3 +110,21 @@ def test_the_real_drive(kitti_raw_0009: Path) -> None:
     road = scan[(scan[:, 0] > 5) & (scan[:, 0] < 10) & (np.abs(scan[:, 1]) < 2) & (scan[:, 2] < -1.5)]
     camera = road[:, :3] @ T[:3, :3].T + T[:3, 3]
     assert np.median(camera[:, 1]) == pytest.approx(1.65, abs=0.15)
+
+
+def test_what_lies_beside_a_link_comes_before_what_lies_beside_its_target(tmp_path: Path) -> None:
+    drive = raw_drive(tmp_path / "there", scans=1)
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / drive.name).symlink_to(drive)
+    plain = open_source(str(drive)).T_camera_lidar
+    assert np.array_equal(open_source(str(here / drive.name)).T_camera_lidar, plain)
+    for file in drive.parent.glob("calib_*.txt"):
+        (here / file.name).write_text(file.read_text())
+    velo = here / "calib_velo_to_cam.txt"
+    moved = velo.read_text().splitlines()
+    moved = ["T: 1 2 3" if line.startswith("T:") else line for line in moved]
+    velo.write_text("\n".join(moved) + "\n")
+    T = open_source(str(here / drive.name)).T_camera_lidar
+    np.testing.assert_allclose(T[:3, 3], [1, 2, 3], atol=1e-9)
+    assert np.array_equal(open_source(f"{here}/{drive.name}/../{drive.name}").T_camera_lidar, plain)
