@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from app.session import Session
 from stereocalib_core.checkpoint import Done, read_frames
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.config import load as load_config
-from stereocalib_core.errors import Failure, FailureReason, SourceError
+from stereocalib_core.errors import ConfigError, Failure, FailureReason, SourceError, StereoCalibError
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.io import SavedRun, read_run
@@ -25,11 +26,10 @@ from stereocalib_core.sources import open_source
 def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     """An earlier run: its results as they were written, its pictures where the source is still there."""
     run = read_run(folder)
-    frames = folder / FRAMES
-    header, finished = read_frames(frames) if frames.is_file() else ({}, csv_results(run))
-    if not finished:
-        raise SourceError("run without frames", folder, "run it again")
+    check(run)
     first = int(np.asarray(run.extrinsics["frame"])[0])
+    header, finished, lost = whole_frames(run)
+    config, other_settings = saved_config(folder)
     finished = [from_frame(done, first) for done in finished]
     spec = str(run.report.get("source", ""))
     span = None
@@ -38,13 +38,12 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         stop = min(first + len(finished), len(whole))
         source, finished = part_of(whole, first, stop), finished[: stop - first]
         span = None if (first, stop) == (0, len(whole)) else (first, stop)
-    except SourceError as error:
+    except StereoCalibError as error:
         times = np.array([done.result.timestamp_s for done in finished])
         camera = StereoCamera(**header["camera"]) if header else UNKNOWN_CAMERA
         source = without_pictures(folder, camera, times, str(error))
+        lost += ("the pictures are not where they were: only the numbers are shown",)
     analysis = judged_analysis(DriveAnalysis(run.report, saved_filter(run), run.poses, run.rig), limits)
-    settings = folder / "config.json"
-    config = load_config(settings) if settings.is_file() else PipelineConfig()
     return Session(
         source,
         config,
@@ -54,7 +53,58 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         frames=span,
         run=folder,
         tracks=bool(header),
+        notices=lost + other_settings,
     )
+
+
+AXES = ("height_m", "pitch_deg", "roll_deg", "yaw_deg")
+SHIFT = {"kind": str, "axis": str, "unit": str, "size": int | float, "frame": int}
+
+
+def check(run: SavedRun) -> None:
+    """Raise SourceError where a run was written by a version that this page cannot read, or by hand."""
+    if len(run.extrinsics["frame"]) == 0:
+        raise SourceError("run without frames", run.folder, "run the drive again")
+    mount, shifts = run.report.get("mount") or {}, run.report.get("shifts") or []
+    sound = isinstance(mount, dict) and isinstance(shifts, list)
+    sound = sound and all(isinstance(mount.get(axis) or {}, dict) for axis in AXES)
+    sound = sound and all(isinstance(run.report.get(key) or {}, dict) for key in (*AXES[:3], "rectification"))
+    sound = sound and isinstance(run.report.get("failures") or {}, dict)
+    for shift in shifts if sound else ():
+        sound = sound and isinstance(shift, dict)
+        sound = sound and all(isinstance(shift.get(key), kind) for key, kind in SHIFT.items())
+    if not sound:
+        raise SourceError("report.json of another version", run.folder, "run the drive again")
+
+
+def whole_frames(run: SavedRun) -> tuple[dict[str, Any], list[Done], tuple[str, ...]]:
+    """The header and the frames of frames.bin, where it is there and whole; else no header, the frames of
+    extrinsics.csv, and what is lost by that."""
+    path = run.folder / FRAMES
+    if not path.is_file():
+        return {}, csv_results(run), ()
+    try:
+        header, finished = read_frames(path)
+    except StereoCalibError:
+        header, finished = {}, []
+    if len(finished) == len(run.extrinsics["frame"]):
+        return header, finished, ()
+    return (
+        {},
+        csv_results(run),
+        (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",),
+    )
+
+
+def saved_config(folder: Path) -> tuple[PipelineConfig, tuple[str, ...]]:
+    """The settings of a run, or today's where they are gone or of another version, and a word about that."""
+    settings = folder / "config.json"
+    try:
+        return load_config(settings) if settings.is_file() else PipelineConfig(), ()
+    except ConfigError:
+        return PipelineConfig(), (
+            "config.json is of another version: the stages are shown with today's settings",
+        )
 
 
 def from_frame(done: Done, first: int) -> Done:

@@ -76,7 +76,7 @@ class Session:
 
     spec: the SOURCE that `run` would be given. run: the earlier run that was opened, or None.
     finished: frames 0, 1, ... that need not be computed again. tracks: whether `finished` holds their tracks,
-    without which no path can be computed anew.
+    without which no path can be computed anew. notices: what the page cannot show of it.
     """
 
     def __init__(
@@ -91,9 +91,10 @@ class Session:
         frames: tuple[int, int] | None = None,
         run: Path | None = None,
         tracks: bool = True,
+        notices: tuple[str, ...] = (),
     ) -> None:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
-        self.frames, self.run, self.tracks = frames, run, tracks
+        self.frames, self.run, self.tracks, self.notices = frames, run, tracks, notices
         self._analyse = analyse
         self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
         self._views: dict[str, FrameViews] = {}

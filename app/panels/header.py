@@ -42,6 +42,8 @@ def drive_line(moment: Moment) -> str:
     failed = len(snapshot.failures())
     ok = len(snapshot.results) - failed
     title = drive_title(moment.session)
+    for line in moment.session.notices:
+        title += f"\n\n⚠ {text.escape(line)}"
     if snapshot.problem:
         return f"{title}\n\n⚠ {text.escape(snapshot.problem)}"
     if snapshot.done:
