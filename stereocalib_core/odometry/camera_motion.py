@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.small_algebra import (
+    FAST,
     rotation_from_vector,
     solve_symmetric,
     vector_from_rotation,
@@ -33,10 +34,9 @@ CAUCHY_PX = 1.0
 """Residual at which a point's weight is one half."""
 
 MAX_ITERATIONS = 12
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _accumulate(
     rays: Array,
     first: int,
@@ -229,18 +229,9 @@ def _solve_full(
         motion = initial[i, :6].copy()
         information = np.zeros((6, 6))
         variance = full_pair(
-            rays,
-            start[i],
-            road_end[i],
-            start[i + 1],
-            tilts[i],
-            motion,
-            focal_px,
-            road_share,
-            scale_sigma,
-            CAUCHY_PX,
-            information,
-        )
+            rays, start[i], road_end[i], start[i + 1], tilts[i], motion,
+            focal_px, road_share, scale_sigma, CAUCHY_PX, information,
+        )  # fmt: skip
         if variance >= 0.0:
             motions[i, :6] = motion
             motions[i, 6] = 1.0
@@ -265,25 +256,10 @@ def solve_full(
     """
     n = len(start) - 1
     motions, covariances = np.zeros((n, 7)), np.zeros((n, 6, 6))
-
-    def work(first: int, last: int) -> None:
-        _solve_full(
-            first,
-            last,
-            rays,
-            start,
-            road_end,
-            active,
-            tilts,
-            initial,
-            focal_px,
-            road_share,
-            scale_sigma,
-            motions,
-            covariances,
-        )
-
-    in_chunks(work, n)
+    in_chunks(
+        _solve_full, n,
+        rays, start, road_end, active, tilts, initial, focal_px, road_share, scale_sigma, motions, covariances,
+    )  # fmt: skip
     return motions, covariances
 
 
@@ -311,18 +287,9 @@ def _solve_stereo(
         solved = True
         for cauchy_px in (30.0, 5.0, CAUCHY_PX):
             variance = full_pair(
-                rays,
-                start[i],
-                start[i],
-                start[i + 1],
-                np.zeros(3),
-                motion,
-                focal_px,
-                1.0,
-                1.0,
-                cauchy_px,
-                information,
-            )
+                rays, start[i], start[i], start[i + 1], np.zeros(3), motion,
+                focal_px, 1.0, 1.0, cauchy_px, information,
+            )  # fmt: skip
             solved = solved and variance >= 0.0
         if solved:
             motions[i, :6] = motion
@@ -339,9 +306,5 @@ def solve_stereo(
     """(N, 7) motion of every pair from measured disparities alone, and whether it was solved."""
     n = len(start) - 1
     motions = np.zeros((n, 7))
-
-    def work(first: int, last: int) -> None:
-        _solve_stereo(first, last, rays, start, previous, focal_px, min_points, motions)
-
-    in_chunks(work, n)
+    in_chunks(_solve_stereo, n, rays, start, previous, focal_px, min_points, motions)
     return motions

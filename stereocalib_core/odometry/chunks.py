@@ -6,11 +6,13 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import Any
 
 CHUNKS_PER_CORE = 4
 """Enough to even out slow stretches of a drive."""
 
 _WORTHWHILE = 64
+"""Fewer pairs than this take less time than handing them out."""
 
 
 @lru_cache(maxsize=1)
@@ -19,12 +21,12 @@ def _pool(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="odometry")
 
 
-def in_chunks(work: Callable[[int, int], None], count: int) -> None:
-    """Call `work(first, last)` until 0 ... count is covered; `work` must release the GIL to gain by it."""
+def in_chunks(work: Callable[..., None], count: int, *arguments: Any) -> None:
+    """Call `work(first, last, *arguments)` until 0 ... count is covered; it must release the GIL to gain by it."""
     cores = os.cpu_count() or 1
     if count < _WORTHWHILE or cores == 1:
-        work(0, count)
+        work(0, count, *arguments)
         return
     edges = [count * k // (cores * CHUNKS_PER_CORE) for k in range(cores * CHUNKS_PER_CORE + 1)]
-    for _ in _pool(os.getpid()).map(work, edges[:-1], edges[1:]):
+    for _ in _pool(os.getpid()).map(lambda *part: work(*part, *arguments), edges[:-1], edges[1:]):
         pass

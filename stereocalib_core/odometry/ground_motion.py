@@ -1,14 +1,11 @@
 """The planar motion of the paper: road points made metric by the extrinsics, moved in the plane of the road.
 
-Points of the previous frame are placed on the road by eq. 13, 14 and 16 with the extrinsics as given,
-moved by
-(x, z, heading), and projected into the current frame by eq. 3 with its own extrinsics; Gauss-Newton
-with Cauchy
+Points of the previous frame are placed on the road by eq. 13, 14 and 16 with the extrinsics as given, moved by
+(x, z, heading), and projected into the current frame by eq. 3 with its own extrinsics; Gauss-Newton with Cauchy
 weights on the reprojection error, because errors of the extrinsics grow with Z^2 in metres but not in pixels.
 
-With `lever_arm_m` the motion is held to a vehicle whose rear axle does not slip sideways: the axle
-moves along
-an arc and the camera sits the lever arm ahead of it, to first order x = yaw z + z heading / 2 + L heading.
+With a lever arm the motion is held to a vehicle whose rear axle does not slip sideways: the axle moves along an
+arc and the camera sits the lever arm L ahead of it, to first order x = yaw z + z heading / 2 + L heading.
 """
 
 from __future__ import annotations
@@ -17,19 +14,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.odometry.camera_motion import CAUCHY_PX, MAX_ITERATIONS
 from stereocalib_core.odometry.chunks import in_chunks
-from stereocalib_core.odometry.small_algebra import solve_symmetric
+from stereocalib_core.odometry.small_algebra import FAST, solve_symmetric
 
 Array = NDArray[np.float64]
 
-CAUCHY_PX = 1.0
-"""Residual at which a point's weight is one half."""
 
-MAX_ITERATIONS = 12
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _accumulate(
     rays: Array, first: int, last: int, e0: Array, e1: Array, motion: Array, scale: float, H: Array, g: Array
 ) -> tuple[float, float]:
@@ -206,23 +198,8 @@ def solve_planar(
     """
     n = len(start) - 1
     motions, covariances = np.zeros((n, 4)), np.zeros((n, 3, 3))
-
-    def work(first: int, last: int) -> None:
-        _solve_planar(
-            first,
-            last,
-            rays,
-            start,
-            road_end,
-            previous,
-            active,
-            extrinsics,
-            initial,
-            lever,
-            focal_px,
-            motions,
-            covariances,
-        )
-
-    in_chunks(work, n)
+    in_chunks(
+        _solve_planar, n,
+        rays, start, road_end, previous, active, extrinsics, initial, lever, focal_px, motions, covariances,
+    )  # fmt: skip
     return motions, covariances

@@ -1,9 +1,7 @@
 """Yaw and lever arm of the rig together, from the free motions of a whole drive on the road.
 
-A rear axle that does not slip sideways moves the camera by x = yaw z + z heading / 2 + L heading in
-each pair,
-so a robust line through (z, heading) -> x - z heading / 2 gives both. Straight driving shows yaw,
-turns show L.
+A rear axle that does not slip sideways moves the camera by x = yaw z + z heading / 2 + L heading in each pair,
+so a robust line through (z, heading) -> x - z heading / 2 gives both. Straight driving shows yaw, turns show L.
 """
 
 from __future__ import annotations

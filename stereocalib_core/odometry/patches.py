@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.odometry.small_algebra import FAST
+
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
@@ -24,10 +26,8 @@ HALF_U, HALF_V = 8, 5
 MIN_CONTRAST = 2.5
 """Standard deviation of grey values below which a patch shows nothing."""
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _sample(
     image: Image, u: float, v: float, axu: float, axv: float, ayu: float, ayv: float, out: Array
 ) -> bool:
@@ -56,7 +56,7 @@ def _sample(
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _normalise(patch: Array, margin: int) -> float:
     """Bring the inner part of a patch to zero mean and unit deviation; returns the deviation before."""
     n = patch.shape[0]
@@ -76,7 +76,7 @@ def _normalise(patch: Array, margin: int) -> float:
     return deviation
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _align(
     template_image: Image,
     image: Image,
@@ -196,7 +196,7 @@ def follow(
     return found, ok
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
     """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the sum of
     squares of either."""
@@ -218,7 +218,7 @@ def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) 
     return squares, steepness
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _match_row(
     right: Image,
     u: int,

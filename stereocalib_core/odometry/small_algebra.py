@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+"""Fast arithmetic for inner loops that keeps NaN and infinity what they are: points are told by them."""
+
 
 @njit(cache=True, nogil=True)
 def rotation_from_vector(w: Array) -> Array:
