@@ -282,32 +282,6 @@ def slope_from_roll(roll_rad: float, pitch_rad: float) -> float:
     return float(np.tan(roll_rad) / np.cos(pitch_rad))
 
 
-def image_row_of_road(
-    camera: StereoCamera, extrinsics: Extrinsics, u: ArrayLike, disparity: ArrayLike
-) -> Array:
-    """Eq. 8: the row v [px] at which the road shows geometric disparity [px] in column u [px]."""
-    e = extrinsics
-    slope, intercept = road_profile(camera, e)
-    u = np.asarray(u, dtype=np.float64)
-    tilt = np.tan(e.roll_rad) / np.cos(e.pitch_rad)
-    return intercept + tilt * (u - camera.cx_px) + slope * np.asarray(disparity, dtype=np.float64)
-
-
-def disparity_of_road_frame_point(
-    camera: StereoCamera, extrinsics: Extrinsics, points_road: ArrayLike
-) -> Array:
-    """Eq. 5: (..., 3) points in the road frame [m] to geometric disparity [px]."""
-    p = np.asarray(points_road, dtype=np.float64)
-    e = extrinsics
-    sp = np.sin(e.pitch_rad)
-    depth = (
-        p[..., 2] * np.cos(e.pitch_rad)
-        + (p[..., 1] + e.height_m) * np.cos(e.roll_rad) * sp
-        + p[..., 0] * np.sin(e.roll_rad) * sp
-    )
-    return camera.focal_px * camera.baseline_m / depth
-
-
 def road_to_image(camera: StereoCamera, extrinsics: Extrinsics, points_road: ArrayLike) -> Array:
     """Eq. 3: (..., 3) points in the road frame [m] to (..., 3) left u, v and geometric disparity [px]."""
     T = extrinsics.T_camera_road
@@ -339,18 +313,6 @@ def image_to_road_plane(camera: StereoCamera, extrinsics: Extrinsics, u: ArrayLi
     return image_to_road(camera, extrinsics, u, v, d)[..., [0, 2]]
 
 
-def road_to_vehicle(points_xz: ArrayLike, yaw_rad: float) -> Array:
-    """Eq. 15: (..., 2) X, Z in the road frame to X', Z' in the vehicle frame [m]."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    p = np.asarray(points_xz, dtype=np.float64)
-    return np.stack([c * p[..., 0] - s * p[..., 1], s * p[..., 0] + c * p[..., 1]], axis=-1)
-
-
-def vehicle_to_road(points_xz: ArrayLike, yaw_rad: float) -> Array:
-    """The inverse of `road_to_vehicle`."""
-    return road_to_vehicle(points_xz, -yaw_rad)
-
-
 def horizon(camera: StereoCamera, extrinsics: Extrinsics) -> tuple[float, float]:
     """Slope [px/px] and row [px] at u0 of the horizon line v = row + slope (u - u0): eq. 8 at Delta = 0."""
     return slope_from_roll(extrinsics.roll_rad, extrinsics.pitch_rad), road_profile(camera, extrinsics)[1]
@@ -371,28 +333,3 @@ def vanishing_point_of_travel(camera: StereoCamera, extrinsics: Extrinsics) -> t
 def planar_motion(x_m: float, z_m: float, heading_rad: float) -> Array:
     """(4, 4) T_road0_road1 of a camera that moves on the plane; heading > 0 turns right (z towards x)."""
     return transform(rotation_y(heading_rad), [x_m, 0.0, z_m])
-
-
-def road_homography(
-    camera: StereoCamera, extrinsics_0: Extrinsics, extrinsics_1: Extrinsics, T_road0_road1: Array
-) -> Array:
-    """(3, 3) homography that maps road pixels of image 0 to image 1, scaled to H[2, 2] = 1.
-
-    `T_road0_road1` is the motion of the road frame under the camera; it must keep Y = 0 on Y = 0.
-    """
-    T_camera1_camera0 = (
-        extrinsics_1.T_camera_road
-        @ invert_transform(T_road0_road1)
-        @ invert_transform(extrinsics_0.T_camera_road)
-    )
-    plane = extrinsics_0.plane()
-    H = T_camera1_camera0[:3, :3] + np.outer(T_camera1_camera0[:3, 3], plane.normal) / plane.offset_m
-    H = camera.K @ H @ camera.K_inv
-    return H / H[2, 2]
-
-
-def apply_homography(H: Array, points: ArrayLike) -> Array:
-    """(..., 2) image points through a (3, 3) homography."""
-    p = np.asarray(points, dtype=np.float64)
-    q = p @ H[:, :2].T + H[:, 2]
-    return q[..., :2] / q[..., 2:]

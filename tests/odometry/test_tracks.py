@@ -13,7 +13,9 @@ from stereocalib_core.evaluation import evaluate
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform, planar_motion
 from stereocalib_core.odometry.packing import pack
-from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
+from stereocalib_core.odometry.pair_motion import reprojection
+from stereocalib_core.odometry.small_algebra import vector_from_rotation
+from stereocalib_core.odometry.tracks import PairView, TrackerState, advance, patch_affine
 from stereocalib_core.odometry.trajectory import Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.pipeline import FrontEnd
 from stereocalib_core.results import Tracks
@@ -117,6 +119,30 @@ def test_without_a_known_road_only_points_above_it_are_tracked(pair: tuple[PairV
     state, _ = advance(CAMERA, TrackerState(), lost[0])
     _, tracks = advance(CAMERA, state, lost[1])
     assert tracks is not None and len(tracks) > 15 and not tracks.on_road.any()
+
+
+def test_patches_are_sheared_as_the_road_is() -> None:
+    """Against differences of road pixels carried from one picture to the next."""
+    T = true_motion(0.1, 0.9, 0.02)
+    plane, step = MOUNTS[0].disparity_plane(CAMERA), 1e-3
+
+    def carried(u: float, v: float) -> NDArray[np.float64]:
+        point = CAMERA.back_project(u, v, plane.disparity(CAMERA, u, v))
+        return np.asarray(CAMERA.project(T[:3, :3] @ point + T[:3, 3])[:2])
+
+    u, v = 480.0, 220.0
+    columns = [
+        (carried(u + step * du, v + step * dv) - carried(u - step * du, v - step * dv)) / (2 * step)
+        for du, dv in ((1, 0), (0, 1))
+    ]
+    f = CAMERA.focal_px
+    inverse_depth = plane.disparity(CAMERA, u, v) / (f * CAMERA.baseline_m)
+    rays = np.array(
+        [[(u - CAMERA.cx_px) / f], [(v - CAMERA.cy_px) / f], [float(inverse_depth)], [0.0], [0.0]]
+    )
+    motion = np.concatenate([vector_from_rotation(T[:3, :3]), T[:3, 3]])
+    affine = patch_affine(rays, motion, reprojection(rays, motion), np.array([True]), MOUNTS[0])
+    np.testing.assert_allclose(affine.reshape(2, 2), np.array(columns).T, atol=1e-5)
 
 
 def test_blank_pictures_give_no_tracks() -> None:
