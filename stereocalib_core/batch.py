@@ -35,14 +35,6 @@ from stereocalib_core.output_folder import OutputFolder
 from stereocalib_core.sources import SourceKind, absolute, open_source, source_kind
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
-SEALED_FILES = (
-    "config.json",
-    "rig.yaml",
-    "extrinsics.csv",
-    "trajectory.txt",
-    "trajectory.tum",
-    "report.json",
-)
 CONNECT_TIMEOUT_S = 10
 CLOSE_TIMEOUT_S, HURRY_S = 10.0, 0.4
 RETRIES = 2
@@ -75,7 +67,7 @@ def run_batch(
     source can be a drive.
     """
     config = settings.from_dict({} if method is None else {"method": method})
-    specs = [_absolute(spec) for spec in specs]
+    specs = [full_spec(spec) for spec in specs]
     unusable = _unusable(specs)
     folder = OutputFolder(out, (MARKER,), overwrite, resume=(out / MARKER).is_file())
     folder.create()
@@ -95,7 +87,7 @@ def run_batch(
     try:
         if waiting:
             with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
-                work = run_one if scheduler else functools.partial(run_one_on_its_core, _cores())
+                work = run_one if scheduler else functools.partial(run_one_on_its_core, usable_cores())
                 for outcome in _submit(client, work, waiting, out, config, overwrite):
                     outcomes[outcome.name] = outcome
                     if progress:
@@ -122,9 +114,9 @@ def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
     return BatchSummary(len(outcomes), len(outcomes) - len(failed), warning)
 
 
-def _absolute(spec: str) -> str:
+def full_spec(spec: str) -> str:
     """Folders by their full path, since workers may have another working directory."""
-    return str(absolute(spec)) if Path(spec).expanduser().is_dir() else spec
+    return str(absolute(spec)) if os.path.isdir(os.path.expanduser(spec)) else spec
 
 
 def _unusable(specs: Sequence[str]) -> dict[str, str]:
@@ -158,7 +150,7 @@ def drive_names(specs: Sequence[str]) -> list[str]:
 
 
 def _name_parts(spec: str) -> list[str]:
-    words = Path(spec).parts if Path(spec).is_dir() else (spec,)
+    words = Path(spec).parts if os.path.isdir(spec) else (spec,)
     cleaned = [re.sub(r"[^A-Za-z0-9_.=-]+", "-", word).strip("-.") for word in words]
     return [word[-80:] for word in cleaned if word] or ["drive"]
 
@@ -203,7 +195,7 @@ def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> dict[str, Any]:
     return run_one(*drive)
 
 
-def _cores() -> list[int]:
+def usable_cores() -> list[int]:
     """The cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
@@ -242,7 +234,7 @@ def _made_from(spec: str, config: PipelineConfig) -> list[str]:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    present = [name for name in SEALED_FILES if (folder / name).is_file()]
+    present = [name for name in io.RESULT_FILES if (folder / name).is_file()]
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in present}
 
 
@@ -265,7 +257,7 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
             yield client
         return
     cluster = distributed.LocalCluster(
-        n_workers=workers or min(len(_cores()), drives),
+        n_workers=workers or min(len(usable_cores()), drives),
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
@@ -283,9 +275,8 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
         raise KeyboardInterrupt("the same call goes on from here") from None
     finally:
         for part in (client, cluster):
-            with contextlib.suppress(
-                TimeoutError
-            ):  # the drives are done; what is left ends with this process
+            # the drives are done; what is left ends with this process
+            with contextlib.suppress(TimeoutError):
                 part.close(timeout=patience_s)
 
 

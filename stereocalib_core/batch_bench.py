@@ -15,10 +15,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from stereocalib_core.batch import drive_names
-from stereocalib_core.io import read_json
+from stereocalib_core.batch import drive_names, full_spec, usable_cores
+from stereocalib_core.io import RESULT_FILES, read_json
 
-COMPARED = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "rig.yaml", "config.json", "report.json")
 OF_THE_MOMENT = ("source", "timing_ms", "frames_per_second")
 BY_ONE_RUN = "one `run` after another"
 
@@ -55,7 +54,7 @@ def _content(path: Path) -> object:
 
 def different_files(first: Path, second: Path) -> list[str]:
     """The results of the drives in `first` that are not the same in `second`, bit for bit."""
-    names = [path.relative_to(first) for path in sorted(first.glob("*/*")) if path.name in COMPARED]
+    names = [path.relative_to(first) for path in sorted(first.glob("*/*")) if path.name in RESULT_FILES]
     return [str(name) for name in names if _content(first / name) != _content(second / name)]
 
 
@@ -85,12 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     options = parser.parse_args(arguments)
-    folders = [str(Path(s).resolve()) if Path(s).is_dir() else s for s in options.sources]
-    sources = folders or default_sources(options.drives, options.frames)
+    sources = [full_spec(spec) for spec in options.sources]
+    sources = sources or default_sources(options.drives, options.frames)
     with tempfile.TemporaryDirectory(prefix="stereocalib-bench-") as folder:
         times = measure(sources, options.workers, Path(folder))
     one = times[f"--workers {options.workers[0]}"]
-    sys.stdout.write(f"{len(sources)} drives, {len(os.sched_getaffinity(0))} cores\n")
+    sys.stdout.write(f"{len(sources)} drives, {len(usable_cores())} cores\n")
     for name, seconds in times.items():
         sys.stdout.write(f"{name:<26} {seconds:7.1f} s   {one / seconds:.2f} times as fast\n")
     sys.stdout.write("the same results in every pass, bit for bit\n")

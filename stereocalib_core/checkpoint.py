@@ -86,19 +86,21 @@ def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], 
     Raises OutputError for a file of other source or settings, or one that is no checkpoint.
     """
     stored, payloads, whole = _records(path)
-    if stored != _canonical(header):
-        raise OutputError("run of another source or other settings", path.parent, _difference(stored, header))
+    now = json.loads(_canonical(header))
+    if stored != now:
+        changed = " and ".join(key for key in now if stored.get(key) != now[key]) or "something"
+        remedy = f"{changed} changed; give the same options, or start afresh with --overwrite"
+        raise OutputError("run of another source or other settings", path.parent, remedy)
     return _frames(path, payloads), whole
 
 
 def read_frames(path: Path) -> tuple[dict[str, Any], list[Done]]:
     """Header and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
-    stored, payloads, _ = _records(path)
-    header = json.loads(stored)
+    header, payloads, _ = _records(path)
     return header, _frames(path, payloads)
 
 
-def _records(path: Path) -> tuple[bytes, list[bytes], int]:
+def _records(path: Path) -> tuple[dict[str, Any], list[bytes], int]:
     """Header, frames, and how many bytes of the file are whole."""
     try:
         data = path.read_bytes()
@@ -114,24 +116,18 @@ def _records(path: Path) -> tuple[bytes, list[bytes], int]:
             break
         payloads.append(payload)
         at += _HEAD.size + length
-    if not payloads:
-        raise OutputError("checkpoint without a header", path, "start afresh with --overwrite")
-    return payloads[0], payloads[1:], at
+    try:
+        header = dict(json.loads(payloads[0]))
+    except (IndexError, ValueError, TypeError) as error:
+        raise OutputError("checkpoint without a header", path, "start afresh with --overwrite") from error
+    return header, payloads[1:], at
 
 
 def _frames(path: Path, payloads: list[bytes]) -> list[Done]:
     try:
         return [_unpack(payload) for payload in payloads]
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
-
-
-def _difference(stored: bytes, header: Mapping[str, Any]) -> str:
-    """Names the first thing that is not as it was."""
-    earlier, now = json.loads(stored), json.loads(_canonical(header))
-    changed = [key for key in now if earlier.get(key) != now[key]]
-    names = " and ".join(changed) or "something"
-    return f"{names} changed; give the same options, or start afresh with --overwrite"
 
 
 def _canonical(header: Mapping[str, Any]) -> bytes:
@@ -168,7 +164,7 @@ class _Arrays:
         if kind not in ("<f8", "<f4", "|b1"):
             raise ValueError(kind)
         count = int(np.prod(shape, dtype=np.int64))
-        return np.frombuffer(bytes(self.data), np.dtype(kind), count, offset).reshape(shape).copy()
+        return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
 
 
 def _pack(done: Done) -> bytes:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core import tolerance
 from stereocalib_core.io import SavedRun, read_run
 from stereocalib_core.report import AXES
 
-MOUNT_AXES = (*AXES, "yaw_deg")
 SIGNIFICANT_SIGMAS = 3.0
 
 
@@ -35,7 +35,7 @@ def compare_runs(folder_a: Path, folder_b: Path) -> dict[str, Any]:
         "b": str(folder_b),
         "source": [a.report.get("source"), b.report.get("source")],
         "frames_ok": [f"{run.report.get('frames_ok')} of {run.report.get('frames')}" for run in (a, b)],
-        "mount": {axis: _mount(a.report, b.report, axis) for axis in MOUNT_AXES},
+        "mount": {axis: _mount(a.report, b.report, axis) for axis in tolerance.AXES},
         "frames": None if common is None else _frames(a, b, *common),
         "path": None if common is None else _path(a, b, *common),
         "rectification": [(run.report.get("rectification") or {}).get("verdict") for run in (a, b)],

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +16,12 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.evaluation import OdometryErrors, evaluate
 from stereocalib_core.frames import GroundTruth
-from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.lidar_camera.road_check import LidarCheck, check, who_moved
 from stereocalib_core.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.odometry.packing import PackedTracks, pack
 from stereocalib_core.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
-from stereocalib_core.report import gaps
+from stereocalib_core.report import gaps, mount_block
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
 from stereocalib_core.rig.explained import MotionSeries
 from stereocalib_core.rig.mount import estimate_mount
@@ -101,7 +100,7 @@ def analyse(
         lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
     mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
     report = {
-        "mount": _mount_block(mount),
+        "mount": mount_block(mount),
         "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
         "yaw_sigma_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.sigma)),
         "yaw_reason": yaw_reason,
@@ -140,26 +139,3 @@ def _yaw_of_path(
     value, sigma = np.rad2deg([found.yaw_rad, found.yaw_sigma_rad])
     used = f"the variants without side slip use {value:+.2f} +- {sigma:.2f} deg, at which the path fits them best"
     return Measured(found.yaw_rad, found.yaw_sigma_rad), used if reason is None else f"{reason}; {used}"
-
-
-def _mount_block(rig: Rig) -> dict[str, Any]:
-    """The block `mount` of report.json."""
-
-    def entry(value: Measured | None, scale: float) -> dict[str, float] | None:
-        return None if value is None else {"value": scale * value.value, "sigma": scale * value.sigma}
-
-    degree = float(np.rad2deg(1.0))
-    block: dict[str, Any] = {
-        "height_m": entry(rig.height_m, 1.0),
-        "pitch_deg": entry(rig.pitch_rad, degree),
-        "roll_deg": entry(rig.roll_rad, degree),
-        "yaw_deg": entry(rig.yaw_rad, degree),
-        "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
-        "T_vehicle_camera": None,
-        "within_tolerance": None,
-    }
-    if rig.height_m is not None and rig.pitch_rad is not None and rig.roll_rad is not None:
-        yaw = 0.0 if rig.yaw_rad is None else rig.yaw_rad.value
-        pose = Extrinsics(rig.height_m.value, rig.pitch_rad.value, rig.roll_rad.value, yaw)
-        block["T_vehicle_camera"] = pose.T_vehicle_camera.tolist()
-    return block

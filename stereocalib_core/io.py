@@ -20,10 +20,13 @@ import yaml
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import OutputError, SourceError
-from stereocalib_core.results import FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.results import TO_DEGREES, FilteredExtrinsics, FrameResult, Measured, Rig
 from stereocalib_core.tables import read_table
 from stereocalib_core.yaml_file import read_mapping
 
+RESULT_FILES = (
+    *("config.json", "rig.yaml", "extrinsics.csv", "trajectory.txt", "trajectory.tum", "report.json"),
+)
 TEXT_COLUMNS = ("status", "reason", "filter_state")
 COLUMNS = (
     *("frame", "timestamp_s", "status", "reason"),
@@ -41,8 +44,9 @@ def write_atomic(path: Path, content: str | bytes) -> None:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise OutputError("file cannot be written", path, error.strerror or "check the disk") from error
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def format_cell(value: float | None, digits: int = 6) -> str:
@@ -66,14 +70,12 @@ def _row(result: FrameResult, index: int, filtered: FilteredExtrinsics | None) -
     values: list[float | None] = [None] * 6
     if road is not None:
         e = road.extrinsics
-        sigma = road.sigma * [1.0, *np.rad2deg([1.0, 1.0])]
-        values = [e.height_m, e.pitch_deg, e.roll_deg, *map(float, sigma)]
+        values = [e.height_m, e.pitch_deg, e.roll_deg, *(road.sigma * TO_DEGREES).tolist()]
     smooth: list[float | None] = [None] * 6
     state = "none"
     if filtered is not None and filtered.state[index] != "none":
         state = filtered.state[index]
-        degrees = np.array([1.0, *np.rad2deg([1.0, 1.0])])
-        smooth = [*(filtered.values[index] * degrees), *(filtered.sigma[index] * degrees)]
+        smooth = [*(filtered.values[index] * TO_DEGREES), *(filtered.sigma[index] * TO_DEGREES)]
     free = road.free_fraction if road is not None else result.free_fraction
     inliers = road.inliers if road is not None else result.inliers
     return [
@@ -184,8 +186,8 @@ def plain(value: Any) -> Any:
     return value
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Any report, in the order given."""
+def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Any report, in the order given; what is not finite becomes null."""
     write_atomic(path, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
 
 

@@ -33,7 +33,7 @@ from stereocalib_core.errors import OutputError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, horizon
 from stereocalib_core.report import AXES
-from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.results import TO_DEGREES, DriveAnalysis, FrameResult
 from stereocalib_core.road.disparity import compute
 from stereocalib_core.road.stages import DisparityMap
 
@@ -72,18 +72,20 @@ class Recorder:
 
     def close(self, keep: bool) -> None:
         """Deliver what is still on its way; a file gets its name now, or is removed when `keep` is False."""
+        lost: RuntimeError | None = None
         try:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except RuntimeError as error:
-            if self._path is not None:
-                raise OutputError("recording cannot be written", self._path, str(error)[:200]) from error
-            # A viewer that was closed meanwhile is no reason to lose the run.
+            lost = error
         self._stream.disconnect()
-        if self._path is not None and self._temporary is not None:
-            if keep:
-                os.replace(self._temporary, self._path)
-            else:
-                self._temporary.unlink(missing_ok=True)
+        if self._path is None or self._temporary is None:
+            return  # a viewer that was closed meanwhile is no reason to lose the run
+        if keep and lost is None:
+            os.replace(self._temporary, self._path)
+            return
+        self._temporary.unlink(missing_ok=True)
+        if lost is not None:
+            raise OutputError("recording cannot be written", self._path, str(lost)[:200]) from lost
 
     def _begin(self) -> None:
         rr, camera = self._rr, self._camera
@@ -164,8 +166,8 @@ class Recorder:
         rows = np.flatnonzero([state != "none" for state in analysis.filtered.state])
         if len(rows) == 0:
             return
-        unit = np.array([1.0, *np.rad2deg([1.0, 1.0])])
-        values, sigma = analysis.filtered.values[rows] * unit, analysis.filtered.sigma[rows] * unit
+        values = analysis.filtered.values[rows] * TO_DEGREES
+        sigma = analysis.filtered.sigma[rows] * TO_DEGREES
         for i, axis in enumerate(AXES):
             parts = {
                 "filtered": values[:, i],

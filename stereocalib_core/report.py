@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import TO_DEGREES, DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
 
 AXES = ("height_m", "pitch_deg", "roll_deg")
 MIN_OK_FRACTION = 0.5
@@ -35,7 +36,7 @@ def build_report(
         "method": method,
         "trustworthy": True,
         "why_not": None,
-        "mount": _empty_mount(),
+        "mount": mount_block(Rig()),
         "yaw_deg": None,
         "yaw_sigma_deg": None,
         "yaw_reason": "the drive was not analysed" if analysis is None else None,
@@ -88,10 +89,9 @@ def _statistics(
     results: Sequence[FrameResult], filtered: FilteredExtrinsics | None
 ) -> dict[str, dict[str, float | None]]:
     """Mean, median, std over ok frames, and the std of the filtered values over the same frames."""
-    unit = np.array([1.0, *np.rad2deg([1.0, 1.0])])
-    values = estimates(results) * unit
+    values = estimates(results) * TO_DEGREES
     ok = np.isfinite(values).all(axis=1)
-    smooth = filtered.values[ok] * unit if filtered is not None else np.full((int(ok.sum()), 3), np.nan)
+    smooth = filtered.values[ok] * TO_DEGREES if filtered is not None else np.full((int(ok.sum()), 3), np.nan)
     block: dict[str, dict[str, float | None]] = {}
     for axis, name in enumerate(AXES):
         raw, flat = values[ok, axis], smooth[np.isfinite(smooth[:, axis]), axis]
@@ -116,16 +116,27 @@ def _timing(results: Sequence[FrameResult], total_ms: Sequence[float]) -> Mappin
     return medians
 
 
-def _empty_mount() -> dict[str, Any]:
-    return {
-        "height_m": None,
-        "pitch_deg": None,
-        "roll_deg": None,
-        "yaw_deg": None,
-        "lever_arm_m": None,
+def mount_block(rig: Rig) -> dict[str, Any]:
+    """The block `mount` of report.json, metres and degrees; what is not known is null."""
+
+    def entry(value: Measured | None, scale: float) -> dict[str, float] | None:
+        return None if value is None else {"value": scale * value.value, "sigma": scale * value.sigma}
+
+    degree = float(np.rad2deg(1.0))
+    block: dict[str, Any] = {
+        "height_m": entry(rig.height_m, 1.0),
+        "pitch_deg": entry(rig.pitch_rad, degree),
+        "roll_deg": entry(rig.roll_rad, degree),
+        "yaw_deg": entry(rig.yaw_rad, degree),
+        "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
         "T_vehicle_camera": None,
         "within_tolerance": None,
     }
+    if rig.height_m is not None and rig.pitch_rad is not None and rig.roll_rad is not None:
+        yaw = 0.0 if rig.yaw_rad is None else rig.yaw_rad.value
+        pose = Extrinsics(rig.height_m.value, rig.pitch_rad.value, rig.roll_rad.value, yaw)
+        block["T_vehicle_camera"] = pose.T_vehicle_camera.tolist()
+    return block
 
 
 def _unknown_rectification() -> dict[str, Any]:

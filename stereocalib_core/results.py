@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import Extrinsics
 
+TO_DEGREES = np.array([1.0, *np.rad2deg([1.0, 1.0])])
+"""(3,) factors from height [m], pitch, roll [rad] to metres and degrees, as files have them."""
+
 
 @dataclass(frozen=True)
 class Check:

@@ -27,18 +27,7 @@ from stereocalib_core.tolerance import Tolerance, judged
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
 """What a finished run keeps of every frame, tracks included, so that a page can go on from there."""
-FILES = (
-    "config.json",
-    "rig.yaml",
-    "extrinsics.csv",
-    "trajectory.txt",
-    "trajectory.tum",
-    "report.json",
-    "recording.rrd",
-    CHECKPOINT,
-    FRAMES,
-    ".*.tmp",
-)
+FILES = (*io.RESULT_FILES, "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
 Progress = Callable[[int, int, str], None]
 """Called with frames done, frames in all, and what is being done."""
 
@@ -124,12 +113,16 @@ def run_drive(
         if report is not None:
             return report
     earlier, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
+    done = earlier[: stop - start]
     folder.create()
     try:
-        return _run(job, earlier[: stop - start], keep, progress)
-    except Interrupted:
+        return _run(job, done, keep, progress)
+    except StereoCalibError:
+        folder.undo()
         raise
-    except (StereoCalibError, KeyboardInterrupt):
+    except KeyboardInterrupt:
+        if done:
+            raise Interrupted(len(done), stop - start) from None
         folder.undo()
         raise
 
@@ -165,15 +158,18 @@ def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int,
     return start, min(stop, count)
 
 
-def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | None) -> dict[str, Any]:
-    done = list(earlier)
+def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None) -> dict[str, Any]:
+    """All of it. `done`: frames of an earlier run, to which this one's are added as they are finished."""
+    earlier = list(done)
     for stale in job.out.glob(".*.tmp"):
         stale.unlink(missing_ok=True)
     checkpoint = Checkpoint(job.out / CHECKPOINT, job.header(), keep)
-    observers = _observers(job)
+    observers: list[Observer] = []
     whole = False
     began = time.perf_counter()
     try:
+        for observer in _observers(job):
+            observers.append(observer)
         for finished in earlier if observers else ():
             _show(observers, job.source[finished.result.frame], finished.result)
         for frame, finished in _front_end(job, earlier):
@@ -191,11 +187,10 @@ def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | N
             observer.drive(results, analysis, None if truth is None else truth.poses)
         whole = True
     except KeyboardInterrupt:
-        if not done:
-            raise
-        whole = True
-        _write(job, done, None, 1e-3 * sum(d.total_ms for d in done))
-        raise Interrupted(len(done), job.stop - job.start) from None
+        if done:
+            whole = True
+            _write(job, done, None, 1e-3 * sum(d.total_ms for d in done))
+        raise
     finally:
         checkpoint.close()
         for observer in observers:
@@ -205,13 +200,13 @@ def _run(job: Job, earlier: list[Done], keep: int | None, progress: Progress | N
     return report
 
 
-def _observers(job: Job) -> list[Observer]:
+def _observers(job: Job) -> Iterator[Observer]:
     if not (job.record or job.show):
-        return []
+        return
     from stereocalib_core.recording import Recorder
 
-    paths = [job.out / "recording.rrd"] * job.record + [None] * job.show
-    return [Recorder(job.source.camera, job.config.disparity, job.source.name, path) for path in paths]
+    for path in [job.out / "recording.rrd"] * job.record + [None] * job.show:
+        yield Recorder(job.source.camera, job.config.disparity, job.source.name, path)
 
 
 def _show(observers: list[Observer], frame: StereoFrame, result: FrameResult) -> None:

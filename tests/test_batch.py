@@ -15,7 +15,7 @@ import pytest
 from drive_writer import odometry_drive
 
 from app.cli import main
-from stereocalib_core.batch import SEAL, drive_names, run_batch, run_one, sealed_report
+from stereocalib_core.batch import SEAL, drive_names, full_spec, run_batch, run_one, sealed_report
 from stereocalib_core.batch_bench import different_files
 from stereocalib_core.batch_summary import DriveOutcome, row_of, write_summary
 from stereocalib_core.config import PipelineConfig, to_dict
@@ -42,6 +42,9 @@ def test_every_drive_gets_a_name_of_its_own(tmp_path: Path) -> None:
     assert len(set(names)) == len(specs)
     assert not any("/" in name or name.startswith(".") for name in names)
     assert drive_names(specs[:2]) == ["00", "01"]
+    long = "synthetic:plane?" + "&".join(f"fault=dirt@{i}" for i in range(40))
+    assert full_spec(long) == long
+    assert len(drive_names([long])[0]) <= 80
 
 
 def test_a_drive_is_sealed_and_a_damaged_or_changed_one_is_not_trusted(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def test_bad_rig_files(tmp_path: Path, text: str) -> None:
         io.read_rig(tmp_path / "rig.yaml")
 
 
-def test_writing_is_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file"
     io.write_atomic(path, "old")
     (tmp_path / "taken").mkdir()
@@ -174,6 +174,13 @@ def test_writing_is_whole_or_not_at_all(tmp_path: Path) -> None:
         io.write_atomic(tmp_path / "taken", "new")
     with pytest.raises(OutputError):
         io.write_atomic(tmp_path / "no such folder" / "file", "new")
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stereocalib_core.io.os.replace", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        io.write_atomic(path, "new")
     assert path.read_text() == "old"
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "taken"]
 

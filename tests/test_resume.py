@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 from types import MappingProxyType
 
@@ -15,7 +17,7 @@ import numpy as np
 import pytest
 from drive_writer import odometry_drive
 
-from stereocalib_core.checkpoint import Checkpoint, Done, read_checkpoint, read_frames
+from stereocalib_core.checkpoint import MAGIC, Checkpoint, Done, read_checkpoint, read_frames
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.geometry import Extrinsics
@@ -30,7 +32,7 @@ from stereocalib_core.results import (
     RoadResidual,
     Tracks,
 )
-from stereocalib_core.run import CHECKPOINT, run_drive
+from stereocalib_core.run import CHECKPOINT, Interrupted, run_drive
 from stereocalib_core.tolerance import Tolerance
 
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
@@ -150,9 +152,20 @@ def test_other_settings_and_strange_files_are_refused(tmp_path: Path) -> None:
     Checkpoint(path, {"source": "a", "settings": 1}).close()
     with pytest.raises(OutputError, match="settings changed"):
         read_checkpoint(path, {"source": "a", "settings": 2})
-    path.write_bytes(b"\x80\x04pickled")
-    with pytest.raises(OutputError, match="no checkpoint"):
-        read_checkpoint(path, {"source": "a"})
+    for content, what in (
+        (b"\x80\x04pickled", "no checkpoint"),
+        (MAGIC, "without a header"),
+        (MAGIC + record(b"no JSON"), "without a header"),
+        (MAGIC + record(b'{"source": "a"}') + record(b"{}"), "damaged checkpoint"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(OutputError, match=what):
+            read_checkpoint(path, {"source": "a"})
+
+
+def record(payload: bytes) -> bytes:
+    """A whole record with a right checksum, whatever is in it."""
+    return struct.pack("<II", len(payload), zlib.crc32(payload)) + payload
 
 
 @pytest.fixture(scope="module")
@@ -252,6 +265,36 @@ def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kit
     assert errors.count("\n") == 1
     rows = (out / "extrinsics.csv").read_text().splitlines()
     assert len(rows) == 1 + json.loads((out / "report.json").read_text())["frames"]
+
+
+def test_ctrl_c_while_the_results_are_written_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, whole, out = "synthetic:plane?frames=6", tmp_path / "whole", tmp_path / "out"
+    run_drive(source, whole)
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("stereocalib_core.run.io.write_rig", stopped)
+        with pytest.raises(Interrupted, match="after 6 of 6 frames"):
+            run_drive(source, out)
+    assert (out / CHECKPOINT).is_file()
+    run_drive(source, out, resume=True)
+    check_same(out, whole)
+
+
+def test_ctrl_c_before_the_first_frame_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stereocalib_core.pipeline.FrontEnd.step", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_drive("synthetic:plane?frames=6", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def _machine_is_idle() -> bool:

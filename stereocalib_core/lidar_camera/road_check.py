@@ -23,17 +23,16 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.geometry import Array
-from stereocalib_core.results import FrameResult
+from stereocalib_core.report import AXES as NAMES
+from stereocalib_core.results import TO_DEGREES, FrameResult
 
 Axis = Literal["height", "pitch", "roll"]
 
 AXES: tuple[Axis, ...] = ("height", "pitch", "roll")
-NAMES = ("height_m", "pitch_deg", "roll_deg")
 UNSEEN = (
     "a road fixes roll, pitch and height of the LiDAR; it says nothing of its yaw and of shifts along x or z"
 )
 
-_TO_UNIT = np.array([1.0, *np.rad2deg([1.0, 1.0])])
 _MAD = 1.4826
 _MOST_STEPS = 4
 
@@ -90,13 +89,13 @@ class LidarCheck:
 
     def as_report(self) -> dict[str, Any]:
         """The block `lidar_check` of report.json."""
-        rms = np.sqrt(np.mean((self.values - self.median) ** 2, axis=0)) * _TO_UNIT
+        rms = np.sqrt(np.mean((self.values - self.median) ** 2, axis=0)) * TO_DEGREES
         block: dict[str, Any] = {
             name: {
-                "median": float(self.median[k] * _TO_UNIT[k]),
-                "scatter": float(self.scatter[k] * _TO_UNIT[k]),
+                "median": float(self.median[k] * TO_DEGREES[k]),
+                "scatter": float(self.scatter[k] * TO_DEGREES[k]),
                 "rms": float(rms[k]),
-                "sigma": float(np.median(self.sigma[:, k]) * _TO_UNIT[k]),
+                "sigma": float(np.median(self.sigma[:, k]) * TO_DEGREES[k]),
             }
             for k, name in enumerate(NAMES)
         }
