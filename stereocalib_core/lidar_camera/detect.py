@@ -64,17 +64,17 @@ def detect(folder: BoardFolder, progress: Progress | None = None) -> Detection:
     A pair in which it cannot be found stays in the list with `status` "rejected" and its reason. Raises
     SourceError when no camera can be estimated. `progress` gets (stage, done, total).
     """
-    loaded = _in_parallel(lambda name: _load(name, folder), list(folder.names), "reading pairs", progress)
+    loaded = in_parallel(lambda name: _load(name, folder), list(folder.names), "reading pairs", progress)
     camera, rms = folder.camera, None
     if camera is None:
         camera, rms = _estimate(loaded, folder.board)
     posed = [_pose(each, camera, folder.board) for each in loaded]
-    found = _in_parallel(lambda each: _search(each, folder), posed, "searching boards in clouds", progress)
+    found = in_parallel(lambda each: _search(each, folder), posed, "searching boards in clouds", progress)
     observations = _choose(posed, found, folder.board, progress)
     return Detection(folder.board, camera, tuple(observations), rms)
 
 
-def _in_parallel(
+def in_parallel(
     work: Callable[[Item], Result], items: list[Item], stage: str, progress: Progress | None
 ) -> list[Result]:
     """Results in the order of the items, whichever finishes first; a `progress` that raises stops the rest."""
@@ -189,7 +189,7 @@ def _choose(
     T, chosen = agreement.T_camera_lidar, agreement.chosen
     for _ in range(2):
         T_now = T
-        observations = _in_parallel(
+        observations = in_parallel(
             lambda each, T_now=T_now: _extract(each, T_now, board, tolerance),  # type: ignore[misc]
             posed, "measuring boards in clouds", progress,
         )  # fmt: skip

@@ -8,13 +8,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.lidar_camera.camera import BoardCamera
 from stereocalib_core.lidar_camera.cloud_files import SUFFIXES
 from stereocalib_core.lidar_camera.observation import BoardSpec
+from stereocalib_core.yaml_file import read_mapping
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
@@ -24,7 +24,7 @@ class BoardFolder:
     """What there is to calibrate from.
 
     names: every NAME found, sorted. images, clouds: NAME to file; a name may be missing in one of them.
-    camera: None when it is to be estimated. size: (width, height) said by camera.yaml, or None.
+    camera: None when it is to be estimated. cropped: whether clouds hold the board only.
     """
 
     path: Path
@@ -87,22 +87,9 @@ def _by_name(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
     return found
 
 
-def load_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file that holds a mapping."""
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError("settings cannot be read", path, error.strerror or "check the path") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError("settings are no YAML", path, str(error)[:200]) from error
-    if not isinstance(values, dict):
-        raise ConfigError("settings are no list of keys", path, "write one 'key: value' a line")
-    return values
-
-
 def load_board(path: Path) -> BoardSpec:
     """`columns`, `rows`, `square_m`, optional `width_m`, `height_m`."""
-    values = load_yaml(path)
+    values = read_mapping(path, "settings")
     try:
         return BoardSpec(
             _whole(values["columns"]),
@@ -115,7 +102,7 @@ def load_board(path: Path) -> BoardSpec:
         raise ConfigError(
             f"board has no {error.args[0]}", path, "give columns, rows (inner corners) and square_m"
         ) from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError("board has a value that is no number", path, str(error)[:120]) from error
 
 
@@ -127,7 +114,7 @@ def _whole(value: Any) -> int:
 
 def load_camera(path: Path) -> BoardCamera | None:
     """`model`, `width`, `height`, `K`, `D`; None for `model: estimate`."""
-    values = load_yaml(path)
+    values = read_mapping(path, "settings")
     model = values.get("model", "pinhole")
     if model == "estimate":
         return None
@@ -140,7 +127,7 @@ def load_camera(path: Path) -> BoardCamera | None:
         raise ConfigError(
             f"camera has no {error.args[0]}", path, "give model, width, height, K, D"
         ) from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError("camera has a value that is no number", path, str(error)[:120]) from error
 
 

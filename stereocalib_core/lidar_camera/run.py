@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -13,7 +12,7 @@ from stereocalib_core.lidar_camera import pictures, report
 from stereocalib_core.lidar_camera.calibrate import calibrate
 from stereocalib_core.lidar_camera.calibration import Calibration
 from stereocalib_core.lidar_camera.cloud_files import read_cloud
-from stereocalib_core.lidar_camera.detect import WORKERS, Detection, detect
+from stereocalib_core.lidar_camera.detect import Detection, detect, in_parallel
 from stereocalib_core.lidar_camera.folder import open_folder, read_picture
 from stereocalib_core.lidar_camera.observation import PairObservation
 
@@ -50,10 +49,7 @@ def write_pictures(
 ) -> None:
     """Cloud over picture for each pair that has both, and the three figures."""
     shown = [o for o in found.observations if o.image is not None and o.cloud is not None]
-    with ThreadPoolExecutor(WORKERS) as pool:
-        for done, _ in enumerate(pool.map(lambda o: _write_overlay(o, found, result, out), shown), start=1):
-            if progress is not None:
-                progress("drawing pictures", done, len(shown))
+    in_parallel(lambda o: _write_overlay(o, found, result, out), shown, "drawing pictures", progress)
     pictures.residual_figure(result).savefig(out / "residuals.png", dpi=100)
     if result.iterations:
         pictures.iteration_figure(result).savefig(out / "iterations.png", dpi=100)

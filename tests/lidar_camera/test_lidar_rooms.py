@@ -153,6 +153,10 @@ def test_unusable_folders_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "camera.yaml").write_text("model: estimate\n")
     with pytest.raises(ConfigError, match="whole number"):
         open_folder(tmp_path)
+    for hostile in (".inf", "2024-99-99", "[1, 2]", "&a [*a, *a]"):
+        (tmp_path / "board.yaml").write_text(f"columns: {hostile}\nrows: 5\nsquare_m: 0.1\n")
+        with pytest.raises(ConfigError, match=r"board\.yaml"):
+            open_folder(tmp_path)
     (tmp_path / "board.yaml").write_text("columns: 7\nrows: 5\nsquare_m: 0.1\n")
     with pytest.raises(SourceError, match="no pair named 'b'"):
         open_folder(tmp_path, pairs=["b"])
