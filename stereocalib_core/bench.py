@@ -7,6 +7,7 @@ threads), interleaved with what is measured; every figure is the median.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -21,10 +22,11 @@ from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.odometry.packing import pack_tracks
 from stereocalib_core.odometry.trajectory import TrajectorySettings, trajectory
 from stereocalib_core.pipeline import FrontEnd, look_at_pair, with_method
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import FrameResult, Tracks
 from stereocalib_core.sources import open_source, prefetch
 
 CALLS = 20
+DEFAULT_SOURCE = "synthetic:town?frames=60"
 RENDER_SPEC = "synthetic:town?frames=48&seed=90210"
 
 
@@ -83,10 +85,8 @@ def _recompute_ms(source: FrameSource, results: list[FrameResult], frames: int) 
     return float(np.median([_timed_ms(lambda s=s: trajectory(tracks, extrinsics, s)) for s in settings]))  # type: ignore[misc]
 
 
-def _moved(result: FrameResult, frame: int):  # type: ignore[no-untyped-def]
+def _moved(result: FrameResult, frame: int) -> Tracks | None:
     """The tracks of a result as if they led from frame - 1 to frame."""
-    import dataclasses
-
     return None if result.tracks is None else dataclasses.replace(result.tracks, previous=frame - 1)
 
 
@@ -108,9 +108,7 @@ def _render_rate(spec: str) -> float:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; the exit code is 0 whatever the figures are."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__)
-    parser.add_argument(
-        "--source", default="synthetic:town?frames=60", help="any SOURCE of `stereocalib run`"
-    )
+    parser.add_argument("--source", default=DEFAULT_SOURCE, help="any SOURCE of `stereocalib run`")
     source = open_source(parser.parse_args(arguments).source)
     write = sys.stdout.write
     cv2.setNumThreads(2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 
 import numpy as np
@@ -22,6 +21,7 @@ from stereocalib_core.rig.rectification import Examination, examine
 from stereocalib_core.road.estimate import RoadResult, begin_road, estimate_road, finish_road
 from stereocalib_core.road.stages import RoadStages
 from stereocalib_core.road.uv_disparity import v_disparity
+from stereocalib_core.threads import shared_pool
 
 Grey = NDArray[np.uint8]
 
@@ -41,9 +41,6 @@ class FrontEndMemory:
     motion: NDArray[np.float64] | None
 
 
-_ROW_CHECK = ThreadPoolExecutor(2, thread_name_prefix="row-check")
-
-
 def look_at_pair(
     camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig
 ) -> tuple[Examination, RoadResult, dict[str, float]]:
@@ -57,7 +54,7 @@ def look_at_pair(
         return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
 
     begun = begin_road(left, right, camera, config)
-    rows = _ROW_CHECK.submit(check_rows)
+    rows = shared_pool("row-check", 2).submit(check_rows)
     road = finish_road(begun, left, right, camera, config)
     examined, took = rows.result()
     return examined, road, {"rectification": took, **road.timing_ms}

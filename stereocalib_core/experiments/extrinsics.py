@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,9 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.results import FrameResult
+from stereocalib_core.io import write_atomic, write_json
+from stereocalib_core.report import estimates
+from stereocalib_core.results import FrameResult, RoadEstimate
 from stereocalib_core.rig.smoothing import filter_drive
 from stereocalib_core.road.estimate import RoadResult, estimate_road
 from stereocalib_core.road.variants import eq12_roll, fit_single_pass, fit_whole_map, labayrade_roll
@@ -69,8 +70,8 @@ def run_roll(out: Path, source: str | None = None, progress: Progress | None = N
     report["height"] = {
         m: _errors(error[:, i, 0], "m") for i, m in enumerate(ROLL_METHODS) if m != "labayrade"
     }
-    (out / "roll.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    (out / "roll.md").write_text(_roll_markdown(report), encoding="utf-8")
+    write_json(out / "roll.json", report)
+    write_atomic(out / "roll.md", _roll_markdown(report))
     _figure_2(np.array(truth)[:, 2], np.array(found)[:, :, 2]).savefig(out / "roll-figure-2.png", dpi=110)
     return report
 
@@ -186,13 +187,13 @@ def run_height(out: Path, source: str | None = None, progress: Progress | None =
         series["direct"].append(_as_result(frame, road, direct))
         if progress:
             progress(frame.index + 1, len(recording), "frames")
-    values = {name: _values(results) for name, results in series.items()}
+    values = {name: estimates(results) for name, results in series.items()}
     for name in ("free_map", "direct"):
         values[f"{name}_filtered"] = filter_drive(series[name], config.filter).values
     report: dict[str, Any] = {name: _statistics(values[name][:, 0]) for name in HEIGHT_METHODS}
     report["single_pass"] = _statistics(np.array(single))
-    (out / "height.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    (out / "height.md").write_text(_height_markdown(recording.name, len(recording), report), encoding="utf-8")
+    write_json(out / "height.json", report)
+    write_atomic(out / "height.md", _height_markdown(recording.name, len(recording), report))
     _figure_3(values).savefig(out / "height-figure-3.png", dpi=110)
     return report
 
@@ -205,8 +206,6 @@ def _road(frame: StereoFrame, camera: StereoCamera, config: PipelineConfig) -> R
 
 def _as_result(frame: StereoFrame, road: RoadResult | None, extrinsics: Extrinsics | None) -> FrameResult:
     """One method's extrinsics in the form that the filter takes, with the covariance of the frame's own fit."""
-    from stereocalib_core.results import RoadEstimate
-
     if road is None or extrinsics is None or road.paper is None:
         return FrameResult(frame.index, frame.timestamp_s, None)
     covariance = road.paper.covariance
@@ -214,12 +213,6 @@ def _as_result(frame: StereoFrame, road: RoadResult | None, extrinsics: Extrinsi
         covariance = road.estimate.covariance
     estimate = RoadEstimate(extrinsics, covariance, 0, 0.0, (0.0, 0.0))
     return FrameResult(frame.index, frame.timestamp_s, estimate)
-
-
-def _values(results: Sequence[FrameResult]) -> Array:
-    """(N, 3) height [m], pitch, roll [rad], NaN where there is none."""
-    poses = [None if r.road is None else r.road.extrinsics for r in results]
-    return np.array([[np.nan] * 3 if e is None else [e.height_m, e.pitch_rad, e.roll_rad] for e in poses])
 
 
 def _statistics(heights: Array) -> dict[str, float | None]:

@@ -5,7 +5,6 @@ Errors are spectral norms of the difference from the truth: of the 3x4 matrix (e
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -24,6 +23,7 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     simulate_boards,
 )
 from stereocalib_core.geometry import Array
+from stereocalib_core.io import write_json
 from stereocalib_core.lidar_camera.baselines import points_on_plane, unnikrishnan_hebert
 from stereocalib_core.lidar_camera.calibrate import joint_problem
 from stereocalib_core.lidar_camera.observation import PairObservation
@@ -59,7 +59,7 @@ def run(
         )
     samples = simulate(repeats, workers, progress, counts)
     result = summarise(samples, counts)
-    (out / "lidar-camera.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "lidar-camera.json", result)
     report.write(out, result, samples, repeats)
     return result
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from stereocalib_core.experiments.lidar_camera_simulation import ASSUMPTIONS
 from stereocalib_core.geometry import Array
+from stereocalib_core.io import write_atomic
 
 PAPER_COUNTS = tuple(range(5, 16))
 PAPER = {
@@ -52,7 +53,7 @@ def write(out: Path, result: dict[str, Any], samples: dict[int, dict[str, Array]
     }
     for number, figure in figures.items():
         figure.savefig(out / f"lidar-camera-figure-{number}.png", dpi=110)
-    (out / "lidar-camera.md").write_text(markdown(result, repeats), encoding="utf-8")
+    write_atomic(out / "lidar-camera.md", markdown(result, repeats))
 
 
 def _figure_3(result: dict[str, Any]) -> Figure:

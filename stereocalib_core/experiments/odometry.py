@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from stereocalib_core.drive import Drive, analyse
 from stereocalib_core.evaluation import OdometryErrors, common_frames, errors_along
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.geometry import Array
+from stereocalib_core.io import write_atomic, write_json
 from stereocalib_core.pipeline import FrontEnd
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.prefetch import prefetch
@@ -51,12 +51,12 @@ def run(
     frames = open_source(spec)
     drive = follow(frames, progress)
     result = {name: dataclasses.asdict(errors) for name, errors in drive.errors.items()}
-    (out / "odometry.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "odometry.json", result)
     truth = None if frames.ground_truth is None else frames.ground_truth.poses
     figure_4(drive, truth).savefig(out / "odometry-figure-4.png", dpi=110)
     if truth is not None:
         figure_5(drive, truth).savefig(out / "odometry-figure-5.png", dpi=110)
-    (out / "odometry.md").write_text(markdown(drive, frames.name, len(frames)), encoding="utf-8")
+    write_atomic(out / "odometry.md", markdown(drive, frames.name, len(frames)))
     return result
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from stereocalib_core.drive import Drive
 from stereocalib_core.experiments.odometry import follow
 from stereocalib_core.frames import FrameSource
+from stereocalib_core.io import write_atomic, write_json
 from stereocalib_core.rig.vanishing_point import VanishingPointView
 from stereocalib_core.rig.yaw import YawEstimate, view
 from stereocalib_core.sources import open_source
@@ -52,8 +52,8 @@ def run(
         names.append(frames.name)
         if shown is None or (source is None and TRUE_DEG[number] == PAPER_DEG):
             shown = _figure_pair(frames, drive, estimate) or shown
-    (out / "yaw.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
-    (out / "yaw.md").write_text(markdown(names, entries, estimates), encoding="utf-8")
+    write_json(out / "yaw.json", entries)
+    write_atomic(out / "yaw.md", markdown(names, entries, estimates))
     if shown is not None:
         figure_1c(*shown).savefig(out / "yaw-figure-1c.png", dpi=110)
     return entries

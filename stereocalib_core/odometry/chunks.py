@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from typing import Any
+
+from stereocalib_core.threads import shared_pool
 
 CHUNKS_PER_CORE = 4
 """Enough to even out slow stretches of a drive."""
 
 _WORTHWHILE = 64
 """Fewer pairs than this take less time than handing them out."""
-
-
-@lru_cache(maxsize=1)
-def _pool(process: int) -> ThreadPoolExecutor:
-    """The threads of this process; a forked child gets its own, since threads do not survive a fork."""
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="odometry")
 
 
 def in_chunks(work: Callable[..., None], count: int, *arguments: Any) -> None:
@@ -28,5 +22,6 @@ def in_chunks(work: Callable[..., None], count: int, *arguments: Any) -> None:
         work(0, count, *arguments)
         return
     edges = [count * k // (cores * CHUNKS_PER_CORE) for k in range(cores * CHUNKS_PER_CORE + 1)]
-    for _ in _pool(os.getpid()).map(lambda *part: work(*part, *arguments), edges[:-1], edges[1:]):
+    pool = shared_pool("odometry", cores)
+    for _ in pool.map(lambda *part: work(*part, *arguments), edges[:-1], edges[1:]):
         pass
