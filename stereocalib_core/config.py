@@ -1,21 +1,39 @@
-"""Settings: one frozen dataclass per stage, their defaults, and how they are read and written.
+"""Settings: one frozen dataclass per stage, their defaults, and how they are read.
+
+Those of the road are here, the rest in `config_rig` and `config_lidar`.
 
 A settings file is JSON or YAML with any part of the tree that `stereocalib run` writes to `config.json`;
-what is left out keeps its default. Unknown keys and values of the wrong type are refused.
+what is left out keeps its default. Unknown keys and values of the wrong type are refused, and numbers that are
+not positive: every one is a size, a limit or a count.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from stereocalib_core.config_lidar import RoadCheckConfig
+from stereocalib_core.config_rig import (
+    FilterConfig,
+    RectificationConfig,
+    RoadPointsConfig,
+    ShiftAlarmConfig,
+    YawConfig,
+)
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.yaml_file import read_yaml
+
+__all__ = [
+    "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
+    "PipelineConfig", "ProfileConfig", "RectificationConfig", "RoadCheckConfig", "RoadPointsConfig",
+    "ShiftAlarmConfig", "YawConfig", "from_dict", "load", "to_dict",
+]  # fmt: skip
 
 _STRICT = ConfigDict(extra="forbid")
 
@@ -88,28 +106,6 @@ class ProfileConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class RectificationConfig:
-    """The pair's self-check by the rows of its matches."""
-
-    search_px: float = 128.0
-    """Largest disparity searched; 0.4 of it is searched beyond infinity, where only a swapped pair matches."""
-    search_rows_px: int = 40
-    """Rows searched up and down when few corners match on their own rows."""
-    clear_fraction: float = 0.3
-    """Fewer of the corners matched than this: search the rows as well."""
-    min_matches: int = 12
-    """Fewer matches say nothing of a frame."""
-    min_frames: int = 3
-    """Fewer frames say nothing of a drive."""
-    window: int = 15
-    """Frames over which a change within the drive is looked for."""
-    suspect_pitch_deg: float = 0.045
-    suspect_roll_deg: float = 0.06
-    bad_pitch_deg: float = 0.15
-    bad_roll_deg: float = 0.25
-
-
-@dataclass(frozen=True, config=_STRICT)
 class DirectConfig:
     """Direct alignment of the road plane."""
 
@@ -162,56 +158,6 @@ class DirectConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class RoadPointsConfig:
-    """The road by the tracked points on it, and when the filter leans on that."""
-
-    near_m: float = 4.0
-    far_m: float = 20.0
-    lane_half_width_m: float = 1.75
-    min_points: int = 20
-    noise_px: float = 0.15
-    unevenness_m: float = 0.004
-    road_height_m: float = 1.65
-    """A camera about this high: how much of an uneven road shows in a disparity."""
-    alike: float = 4.0
-    """So many neighbouring points count as one."""
-    correlation: float = 0.3
-    """Of the errors of the points and of the pair's own estimate."""
-    min_share: float = 0.7
-    """The points are used where they are so much surer that they would count for this share."""
-    gate: float = 3.0
-    """Contradiction, in sigmas of both, by which neither is believed."""
-
-
-@dataclass(frozen=True, config=_STRICT)
-class FilterConfig:
-    """The filter over height, pitch and roll. Body sizes are standard deviations about the rest pose."""
-
-    natural_hz: float = 1.4
-    damping: float = 0.35
-    body_height_m: float = 0.006
-    body_pitch_deg: float = 0.12
-    body_roll_deg: float = 0.10
-    rest_height_m: float = 0.004
-    """How far the rest pose may wander in a second (braking, curves); it grows with the root of time."""
-    rest_angle_deg: float = 0.15
-    memory_s: float = 2.0
-    """Over which the sizes of body motion and measurement noise are learnt."""
-    persistent_share: float = 0.5
-    """Of a frame's variance, what it shares with its neighbours: it does not average out."""
-    look_ahead: bool = True
-    """Use later frames as well, within each unbroken stretch; off = causal."""
-    gate: float = 21.0
-    """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom)."""
-    gate_height_m: float = 0.04
-    """What a body may do between two frames besides, 1 sigma: a speed hump turns it by a degree and more."""
-    gate_angle_deg: float = 0.45
-    recovery_frames: int = 2
-    """Gated so often in a row, the filter believes that the mount has moved."""
-    road_points: RoadPointsConfig = RoadPointsConfig()
-
-
-@dataclass(frozen=True, config=_STRICT)
 class LaneConfig:
     """When a plane counts as the road in front of the car."""
 
@@ -257,100 +203,6 @@ class LimitsConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class YawConfig:
-    """Mounting yaw by the vanishing point of straight travel."""
-
-    min_travel_m: float = 0.25
-    """Pairs of frames that move less show no direction."""
-    min_radius_m: float = 250.0
-    """Driving is straight where its curve has a larger radius."""
-    min_stretch_m: float = 6.0
-    min_stretch_pairs: int = 8
-    min_pairs: int = 15
-    min_tracks: int = 15
-    """Road tracks that agree on a pair's vanishing point."""
-    tolerance_px: float = 1.0
-    """Largest miss of a track that agrees."""
-    pair_tolerance_deg: float = 1.0
-    """Largest disagreement of a pair with the drive."""
-    systematic_deg: float = 0.012
-    """1 sigma that more driving does not remove."""
-
-
-@dataclass(frozen=True, config=_STRICT)
-class ShiftAlarmConfig:
-    """Steps and drifts of the mount."""
-
-    least_angle_deg: float = 0.15
-    least_height_m: float = 0.015
-    threshold: float = 5.5
-    """A step must be so many times its standard deviation."""
-    noise_angle_deg: float = 0.015
-    """Least 1 sigma of what one frame brings that the frames before it did not show."""
-    noise_height_m: float = 0.0015
-    noise_yaw_deg: float = 0.03
-    drift_factor: float = 1.5
-    """A drift must be so many times the least size."""
-
-
-@dataclass(frozen=True, config=_STRICT)
-class RoadCheckConfig:
-    """The LiDAR's road against the stereo road: the lane, the tolerance of the calibration, and the alarm."""
-
-    near_m: float = 4.0
-    far_m: float = 20.0
-    lane_half_width_m: float = 1.75
-    """Roads are cambered: beyond the car's own lane two sensors that sample differently see different planes."""
-    max_tilt_deg: float = 5.0
-    """A LiDAR turned further against the stereo road is not looked for."""
-    max_offset_m: float = 0.3
-    """The same for its height at the camera."""
-    even_m: float = 12.0
-    """Up to here both sensors weigh the road evenly; beyond it stereo noise takes over."""
-    obstacle_cell_m: float = 0.35
-    obstacle_height_m: float = 0.2
-    """Points of one cell that reach over more than this are no road."""
-    vote_points: int = 400
-    vote_trials: int = 160
-    agree_height_m: float = 0.04
-    """A point agrees with a plane within this height; no plane fits road and kerb as closely."""
-    min_agreement: float = 0.6
-    """A smaller share of the lane's area on the plane is no road: a car ahead, a kerb."""
-    tukey: float = 4.0
-    """Heights beyond so many robust sigmas are rejected."""
-    min_spread_m: float = 0.004
-    rounds: int = 8
-    min_points: int = 60
-    cell_m: float = 0.7
-    """Heights closer than this rise and fall together."""
-    min_cells: int = 15
-    systematic_height_m: float = 0.003
-    """1 sigma of the scan's plane that more points do not remove: each beam has an error of its own."""
-    systematic_angle_deg: float = 0.02
-    limit_height_m: float = 0.04
-    """A calibration whose residual lies beyond the limits by `certain_sigmas` raises the alarm."""
-    limit_pitch_deg: float = 0.25
-    limit_roll_deg: float = 0.5
-    certain_sigmas: float = 3.0
-    least_height_m: float = 0.025
-    """Smaller steps are not reported."""
-    least_pitch_deg: float = 0.2
-    least_roll_deg: float = 0.3
-    step_sigmas: float = 6.0
-    min_frames: int = 5
-    """Fewer residuals say nothing of a drive."""
-    window: int = 20
-    """Frames on either side of a step that are held against each other; the alarm comes within so many."""
-    settled: int = 10
-    """Frames after a step before it counts."""
-    correlated_frames: float = 5.0
-    """Residuals of neighbouring frames share their error: so many count as one."""
-    wander_height_m: float = 0.001
-    """How far a sound mounting may creep in a second, 1 sigma; it grows with the root of time."""
-    wander_angle_deg: float = 0.01
-
-
-@dataclass(frozen=True, config=_STRICT)
 class PipelineConfig:
     """Everything a run is set by."""
 
@@ -374,11 +226,6 @@ def to_dict(config: Any) -> dict[str, Any]:
     return dataclasses.asdict(config)
 
 
-def save(config: PipelineConfig, path: Path) -> None:
-    """Write as JSON, stable key order."""
-    path.write_text(json.dumps(to_dict(config), indent=2) + "\n", encoding="utf-8")
-
-
 def load(path: Path) -> PipelineConfig:
     """Read a whole or partial settings file (JSON or YAML)."""
     values = read_yaml(path)
@@ -388,8 +235,21 @@ def load(path: Path) -> PipelineConfig:
 def from_dict(values: Any, where: object = "settings") -> PipelineConfig:
     """Plain nested values to a config; what is left out keeps its default."""
     try:
-        return TypeAdapter(PipelineConfig).validate_python(values)
+        config = TypeAdapter(PipelineConfig).validate_python(values)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "top level"
         raise ConfigError(f"bad setting {field}", where, first["msg"]) from error
+    for field, value in _numbers(to_dict(config)):
+        if not 0 < value < math.inf:
+            raise ConfigError(f"bad setting {field}", where, f"{value:g} is not a positive number")
+    return config
+
+
+def _numbers(values: dict[str, Any], stage: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of nested settings with its dotted name."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _numbers(value, f"{stage}{name}.")
+        elif not isinstance(value, (str, bool)):
+            yield stage + name, value

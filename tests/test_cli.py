@@ -161,6 +161,8 @@ def test_bad_input_leaves_nothing_behind(
     drive = odometry_drive(tmp_path)
     files = {
         "bad.yaml": "disparity: {scale: 3}",
+        "zero.yaml": "free_map: {bin_px: 0}",
+        "nan.yaml": "lane: {far_m: .nan}",
         "unknown.yaml": "speed: 3",
         "broken.yaml": "a: [",
         "tolerance.yaml": "height_m: {nominal: 1.65}",
@@ -176,6 +178,8 @@ def test_bad_input_leaves_nothing_behind(
         [str(drive), "--frames", "6:9"],
         [str(drive), "--frames", "3:3"],
         [str(drive), "--config", str(tmp_path / "bad.yaml")],
+        [str(drive), "--config", str(tmp_path / "zero.yaml")],
+        [str(drive), "--config", str(tmp_path / "nan.yaml")],
         [str(drive), "--config", str(tmp_path / "unknown.yaml")],
         [str(drive), "--config", str(tmp_path / "broken.yaml")],
         [str(drive), "--config", str(tmp_path / "missing.yaml")],
