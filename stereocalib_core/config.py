@@ -45,7 +45,7 @@ class DisparityConfig:
     scale: Literal[1, 2] = 2
     max_disparity_px: int = 128
     """Largest disparity searched, in full-resolution pixels."""
-    block_size: int = 3
+    block_size: Literal[1, 3, 5, 7, 9, 11] = 3
     small_step_penalty: int = 8
     """SGBM's P1. The matcher's downward pass drags each row towards the disparity of the row above, and a road
     grows nearer row by row: the usual 200 costs 0.25 px of disparity (0.06 deg of pitch), 8 costs 0.02 px."""
@@ -241,8 +241,9 @@ def from_dict(values: Any, where: object = "settings") -> PipelineConfig:
         field = ".".join(str(part) for part in first["loc"]) or "top level"
         raise ConfigError(f"bad setting {field}", where, first["msg"]) from error
     for field, value in _numbers(to_dict(config)):
-        if not 0 < value < math.inf:
-            raise ConfigError(f"bad setting {field}", where, f"{value:g} is not a positive number")
+        most = math.pi / 2 if field.endswith("_rad") else math.inf
+        if not 0 < value < most:
+            raise ConfigError(f"bad setting {field}", where, f"{value:g} is not between 0 and {most:.4g}")
     return config
 
 
