@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import signal
 import struct
 import subprocess
@@ -35,6 +36,7 @@ from stereocalib_core.results import (
 from stereocalib_core.run import CHECKPOINT, Interrupted, run_drive
 from stereocalib_core.tolerance import Tolerance
 
+SMALL_PLANE = "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55"
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
 
 
@@ -259,7 +261,7 @@ def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kit
     started = time.perf_counter()
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
-    assert time.perf_counter() - started < (1.0 if _machine_is_idle() else 3.0)
+    assert time.perf_counter() - started < (1.0 if _machine_is_idle() else 10.0)
     assert process.returncode == 130
     assert errors.startswith("stereocalib: stopped: after ")
     assert errors.count("\n") == 1
@@ -270,7 +272,7 @@ def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kit
 def test_ctrl_c_while_the_results_are_written_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source, whole, out = "synthetic:plane?frames=6", tmp_path / "whole", tmp_path / "out"
+    source, whole, out = SMALL_PLANE, tmp_path / "whole", tmp_path / "out"
     run_drive(source, whole)
 
     def stopped(*_: object) -> None:
@@ -278,7 +280,7 @@ def test_ctrl_c_while_the_results_are_written_loses_nothing(
 
     with monkeypatch.context() as patch:
         patch.setattr("stereocalib_core.run.io.write_rig", stopped)
-        with pytest.raises(Interrupted, match="after 6 of 6 frames"):
+        with pytest.raises(Interrupted, match="after 3 of 3 frames"):
             run_drive(source, out)
     assert (out / CHECKPOINT).is_file()
     run_drive(source, out, resume=True)
@@ -293,13 +295,11 @@ def test_ctrl_c_before_the_first_frame_leaves_nothing(
 
     monkeypatch.setattr("stereocalib_core.pipeline.FrontEnd.step", stopped)
     with pytest.raises(KeyboardInterrupt):
-        run_drive("synthetic:plane?frames=6", tmp_path / "out")
+        run_drive(SMALL_PLANE, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def _machine_is_idle() -> bool:
-    import os
-
     return os.getloadavg()[0] < (os.cpu_count() or 1)
 
 
@@ -351,10 +351,7 @@ def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:
 
 
 def test_resume_of_a_finished_run_is_of_that_run_only(tmp_path: Path) -> None:
-    spec, out = (
-        "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55",
-        tmp_path / "run",
-    )
+    spec, out = SMALL_PLANE, tmp_path / "run"
     run_drive(spec, out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     for changed, options in (
