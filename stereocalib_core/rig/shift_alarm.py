@@ -4,7 +4,8 @@ Height, pitch and roll are taken over the road under the wheels (`over_wheels`),
 is out of it, and freed of what braking and cornering explain (`explained`). What is left swings on the springs;
 a mount that was knocked moves from one frame to the next and stays. So each frame is tried as the onset of a
 step in the whitened series (`steps`), which must be many times its sigma, larger than a least size, and must
-last; and the road ahead must show it too, so that a slip of the odometry is no knock. For the yaw it is the jump
+last; and the road ahead must show it too, so that a slip of the odometry is no knock. What a speed hump hides
+is told by the levels around it (`turmoil`). For the yaw it is the jump
 of the camera's own heading (`yaw_steps`). Drift is looked for last, as one ramp over a long drive.
 
 A road shows height, pitch and roll, and with straight travel the yaw. A shift of the camera along x or z
@@ -25,6 +26,7 @@ from stereocalib_core.results import FrameResult
 from stereocalib_core.rig.explained import MotionSeries, remove_explained
 from stereocalib_core.rig.over_wheels import over_wheels
 from stereocalib_core.rig.steps import Step, find_step
+from stereocalib_core.rig.turmoil import find_hidden_step, wild_stretches
 from stereocalib_core.rig.yaw_steps import find_yaw_steps
 
 Array = NDArray[np.float64]
@@ -97,9 +99,10 @@ def find_shifts(
         ("roll", angle, noise),
     ]
     shifts: list[Shift] = []
+    wild = wild_stretches(wheels) if witnessed else []
     for k, (axis, least, least_noise) in enumerate(axes):
         witness = values[:, k] if witnessed else None
-        steps = _steps(wheels[:, k], witness, steady, least, least_noise, config)
+        steps = _steps(wheels[:, k], witness, steady, wild, least, least_noise, config)
         shifts += _axis_shifts(axis, frames, slow[:, k], steps, least, least_noise, config)
     if pair_yaw_rad is not None and motion is not None:
         steps = find_yaw_steps(pair_yaw_rad, motion, config)
@@ -112,6 +115,7 @@ def _steps(
     series: Array,
     witness: Array | None,
     steady: NDArray[np.bool_],
+    wild: list[tuple[int, int]],
     least: float,
     noise: float,
     config: ShiftAlarmConfig,
@@ -121,6 +125,8 @@ def _steps(
     steps: list[Step] = []
     for _ in range(_MOST_STEPS):
         step = find_step(series, steady, _HORIZONS, least, noise, config.threshold, witness)
+        if step is None:
+            step = find_hidden_step(series, wild, least, noise, witness)
         if step is None:
             break
         steps.append(step)
