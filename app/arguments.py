@@ -101,6 +101,12 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _frame(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no frame")
+    return int(text)
+
+
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
@@ -137,6 +143,7 @@ def build_parser() -> Parser:
     )
     _add_server(demo)
     _add_tolerance(demo)
+    _add_state(demo)
     _add_fault(demo)
     demo.add_argument("--frames", type=_positive, metavar="N", help="only the first N frames")
 
@@ -144,6 +151,7 @@ def build_parser() -> Parser:
     view.add_argument("source", metavar="SOURCE", help="a drive, or the output of an earlier run")
     _add_server(view)
     _add_tolerance(view)
+    _add_state(view)
     _add_run(
         add(
             "run",
@@ -220,6 +228,18 @@ def _add_fault(parser: argparse.ArgumentParser) -> None:
 def _add_tolerance(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--tolerance", type=Path, metavar="FILE", help="nominal mount and tolerances to judge it by"
+    )
+
+
+def _add_state(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--at", type=_frame, metavar="N", help="the frame to begin with")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="what the page is set to, as its Export tab writes it, e.g. preset=Debug, "
+        "pitch_error_deg=0.5; may be given several times",
     )
 
 

@@ -36,8 +36,10 @@ def _serve(spec: str, arguments: argparse.Namespace) -> None:
     from stereocalib_core.tolerance import read_tolerances
 
     limits = read_tolerances(arguments.tolerance) if arguments.tolerance else {}
+    settings = importlib.import_module("app.page_words").from_words(arguments.set)
     server = importlib.import_module("app.server")
-    server.serve(spec, arguments.host, arguments.port, server.Opening(limits=limits))
+    how = server.Opening(limits=limits, tolerance=arguments.tolerance, settings=settings, frame=arguments.at)
+    server.serve(spec, arguments.host, arguments.port, how)
 
 
 def run(arguments: argparse.Namespace) -> str | None:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.page_words import to_words
 from app.session import Session, Snapshot
 from app.settings import Corrections, Settings
 from stereocalib_core import io
 from stereocalib_core.compare import compare_runs
-from stereocalib_core.config import to_dict
+from stereocalib_core.config import PipelineConfig, to_dict
 from stereocalib_core.errors import OutputError
 
 
@@ -110,11 +111,26 @@ def config_json(session: Session) -> str:
     return json.dumps(to_dict(session.config), indent=2)
 
 
-def command(session: Session, settings: Settings) -> str:
-    """The shell command that reproduces the drive on show."""
+def page_command(session: Session, settings: Settings, frame: int, tolerance: Path | None = None) -> str:
+    """The shell command that opens the page as it is on show."""
+    parts = ["stereocalib", "view", session.spec if session.run is None else str(session.run)]
+    parts += ["--at", str(frame)]
+    for word in to_words(settings):
+        parts += ["--set", word]
+    if tolerance is not None:
+        parts += ["--tolerance", str(tolerance)]
+    return shlex.join(parts)
+
+
+def command(session: Session, tolerance: Path | None = None) -> str:
+    """The shell command that computes the drive on show again."""
     parts = ["stereocalib", "run", session.spec, "--out", "out", "--method", session.config.method]
+    if session.run is not None and session.config != replace(PipelineConfig(), method=session.config.method):
+        parts += ["--config", str(session.run / "config.json")]
     if session.rig is not None:
         parts += ["--rig", str(session.rig)]
+    if tolerance is not None:
+        parts += ["--tolerance", str(tolerance)]
     if session.frames is not None:
         first, last = session.frames
         parts += ["--frames", f"{first}:{last}"]

@@ -17,6 +17,7 @@ from app.inputs import guard
 from app.library import Library
 from app.page import Page
 from app.session import Session
+from app.settings import Settings
 from app.viewpoint import FOLLOWING, UP
 from stereocalib_core.errors import SourceError
 from stereocalib_core.io import read_run
@@ -41,7 +42,9 @@ def views_width(height_px: int, window_px: int) -> int:
 class Hub:
     """Owns the server's pages and the drives that are open."""
 
-    def __init__(self, server: viser.ViserServer, session: Session, library: Library) -> None:
+    def __init__(
+        self, server: viser.ViserServer, session: Session, library: Library, settings: Settings | None = None
+    ) -> None:
         self.server, self.library = server, library
         self._lock = threading.RLock()
         self._own: dict[int, Page] = {}
@@ -60,7 +63,7 @@ class Hub:
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(MAIN_WIDTH_PX)
         hotkeys.register(server.gui, self.page_of)
-        self.shared = Page(self, server, session, "lead")
+        self.shared = Page(self, server, session, "lead", settings=settings)
         self._place(self.shared)
         server.on_client_connect(self._connected)
         server.on_client_disconnect(self._disconnected)

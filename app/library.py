@@ -69,8 +69,15 @@ def open_drive(
 class Library:
     """Opens what people ask for on the page, and nothing else."""
 
-    def __init__(self, root: Path, config: PipelineConfig, limits: Limits = NO_LIMITS) -> None:
+    def __init__(
+        self,
+        root: Path,
+        config: PipelineConfig,
+        limits: Limits = NO_LIMITS,
+        tolerance: Path | None = None,
+    ) -> None:
         self.root, self._config, self._limits = root.expanduser().resolve(), config, limits
+        self.tolerance = tolerance
         self._uploads: list[Path] = []
 
     def resolve(self, text: str) -> str:

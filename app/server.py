@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.drive_parts import Limits
 from app.library import Library, open_drive
+from app.settings import Settings
 from stereocalib_core.config import PipelineConfig
 
 if TYPE_CHECKING:
@@ -19,13 +20,17 @@ class Opening:
     """How a drive is opened.
 
     frames: zero-based, half open, None = from the first, to the last. rig: rig.yaml of an earlier drive.
-    limits: what the mount is judged by. root: the folder below which the page may open other drives (default:
-    where the command was started).
+    limits: what the mount is judged by, tolerance: the file that they are from. settings, frame: what the page
+    shows first; without a frame a synthetic drive plays. root: the folder below which the page may open other
+    drives (default: where the command was started).
     """
 
     frames: tuple[int | None, int | None] = (None, None)
     rig: Path | None = None
     limits: Limits = field(default_factory=dict)
+    tolerance: Path | None = None
+    settings: Settings = field(default_factory=Settings)
+    frame: int | None = None
     root: Path | None = None
     config: PipelineConfig = field(default_factory=PipelineConfig)
 
@@ -40,9 +45,12 @@ def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
     from app.secure import create_server
 
     server = create_server(host, port)
-    hub = Hub(server, session, Library(how.root or Path.cwd(), how.config, how.limits))
+    library = Library(how.root or Path.cwd(), how.config, how.limits, how.tolerance)
+    hub = Hub(server, session, library, how.settings)
+    if how.frame is not None:
+        hub.shared.playback.seek(how.frame)
     hub.start()
-    if spec.startswith("synthetic"):
+    if spec.startswith("synthetic") and how.frame is None:
         hub.shared.playback.play()
     return hub
 

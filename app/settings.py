@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 PRESETS = ("Inspect", "Teach", "Debug")
+MODELS = ("full", "planar", "nonholonomic")
+SOURCES = ("filtered", "raw")
+ERROR_LIMIT_DEG, ERROR_LIMIT_M = 2.0, 0.30
 LAYOUTS = ("all stages", "disparity", "u-disparity", "free map", "v-disparity")
 
 

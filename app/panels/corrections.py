@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from app import palette, text
 from app.moment import Moment
-from app.settings import Corrections
+from app.settings import ERROR_LIMIT_DEG, ERROR_LIMIT_M, MODELS, SOURCES, Corrections
 
 if TYPE_CHECKING:
     from app.page import Page
 
 AXES = ("yaw", "pitch", "roll", "height")
-MODELS = ("full", "planar", "nonholonomic")
-SOURCES = ("filtered", "raw")
-ERROR_LIMIT_DEG, ERROR_LIMIT_M = 2.0, 0.30
 
 
 def error_field(axis: str) -> str:

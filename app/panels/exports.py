@@ -44,8 +44,8 @@ class ExportPanel:
         for label, name, make, hint in FILES:
             button = gui.add_button(label, hint=hint)
             self._connect(button, name, make)
-        self._copy = gui.add_html("")
-        self._command = gui.add_markdown("")
+        self._copy_page, self._page_command = gui.add_html(""), gui.add_markdown("")
+        self._copy, self._command = gui.add_html(""), gui.add_markdown("")
 
     def send_sheet(self, client: Any) -> None:
         """The figure sheet as a download."""
@@ -67,7 +67,21 @@ class ExportPanel:
 
     def update(self, moment: Moment) -> None:
         """Show the command."""
-        if moment.settings_changed or moment.drive_changed:
-            line = exports.command(moment.session, moment.settings)
-            self._copy.content = copy_button("Copy the command that reproduces this", line)
-            self._command.content = f"```\n{line.replace('`', ' ')}\n```"
+        tolerance = self._page.hub.library.tolerance
+        if (
+            moment.settings_changed
+            or moment.drive_changed
+            or (moment.frame_changed and not moment.clock.playing)
+        ):
+            line = exports.page_command(moment.session, moment.settings, moment.frame, tolerance)
+            self._copy_page.content = copy_button("Copy the command that shows this page", line)
+            self._page_command.content = _fenced(line)
+        if moment.drive_changed:
+            line = exports.command(moment.session, tolerance)
+            self._copy.content = copy_button("Copy the command that computes these numbers", line)
+            self._command.content = _fenced(line)
+
+
+def _fenced(line: str) -> str:
+    """A command as a block of Markdown."""
+    return f"```\n{line.replace('`', ' ')}\n```"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ import numpy as np
 import pytest
 from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm_page
 
+from app.arguments import build_parser
 from app.hub import Hub
+from app.page_words import from_words
 
 pytestmark = pytest.mark.browser
 
@@ -166,10 +169,25 @@ def test_exports(page: Any, label: str, name: str, tmp_path: Path) -> None:
 
 def test_the_command_that_reproduces_this(page: Any) -> None:
     tab(page, "Export")
-    copied = page.get_by_role("button", name="Copy the command").get_attribute("data-text")
+    copied = page.get_by_role("button", name="computes these numbers").get_attribute("data-text")
     assert copied.startswith("stereocalib run ")
     assert "--frames 0:20" in copied
     assert copied.split()[2].endswith("sequences/06")
+
+
+def test_the_command_that_shows_this_page(page: Any, fresh: Hub) -> None:
+    """What it copies opens a page with the same settings at the same frame."""
+    fresh.shared.header.choose("Debug")
+    fresh.shared.header.corrections.set(pitch_error_deg=0.25)
+    fresh.shared.playback.seek(11)
+    tab(page, "Export")
+    copy = page.get_by_role("button", name="shows this page")
+    until(lambda: "--at 11" in copy.get_attribute("data-text"), what="frame in the command")
+    _, *words = shlex.split(copy.get_attribute("data-text"))
+    arguments = build_parser().parse_args(words)
+    assert arguments.command == "view"
+    assert arguments.at == 11
+    assert from_words(arguments.set) == fresh.shared.settings
 
 
 def test_light_theme_in_this_browser(page: Any) -> None:

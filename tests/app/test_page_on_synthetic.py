@@ -191,7 +191,7 @@ def test_an_earlier_run_opens_with_everything(page: Any, hub: Hub) -> None:
     number.press("Enter")
     until(lambda: "live" in hub.shared.scene.scene._paths, what="live path of a run")
     tab(page, "Export")
-    copied = page.get_by_role("button", name="Copy the command").get_attribute("data-text")
+    copied = page.get_by_role("button", name="computes these numbers").get_attribute("data-text")
     assert copied.startswith("stereocalib run 'synthetic:plane?frames=6' --out out")
 
 
