@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -118,6 +119,17 @@ def draw_pose(
     return transform(R, center)
 
 
+@lru_cache(maxsize=4)
+def pixel_rays(
+    model: str, width: int, height: int, K: tuple[float, ...], D: tuple[float, ...]
+) -> list[Array]:
+    """(H, W, 2) undistorted x, y of every pixel, and their steps along v and u; the same for all pictures."""
+    camera = BoardCamera(model, width, height, np.reshape(K, (3, 3)), np.array(D))  # type: ignore[arg-type]
+    v, u = np.mgrid[0:height, 0:width].astype(float)
+    xy = camera.normalise(np.stack([u, v], axis=-1).reshape(-1, 2)).reshape(height, width, 2)
+    return [xy, *np.gradient(xy, axis=(0, 1))]
+
+
 def render(camera: BoardCamera, board: BoardSpec, T_camera_board: Array, rng: np.random.Generator) -> Array:
     """(H, W) uint8 picture: the board, 3x3 samples a pixel, over grey noise."""
     image = np.full((camera.height, camera.width), 120.0)
@@ -127,13 +139,15 @@ def render(camera: BoardCamera, board: BoardSpec, T_camera_board: Array, rng: np
     pixels = camera.project(edge)
     u0, v0 = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
     u1, v1 = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, [camera.width, camera.height])
-    v, u = np.mgrid[v0:v1, u0:u1].astype(float)
-    total, weight = np.zeros(u.shape), np.zeros(u.shape)
+    key = camera.model, camera.width, camera.height, tuple(camera.K.ravel()), tuple(camera.D)
+    xy, along_v, along_u = (values[v0:v1, u0:u1] for values in pixel_rays(*key))
+    shape = xy.shape[:2]
+    total, weight = np.zeros(shape), np.zeros(shape)
     T = invert_transform(T_camera_board)
     for du in (-1 / 3, 0, 1 / 3):
         for dv in (-1 / 3, 0, 1 / 3):
-            xy = camera.normalise(np.stack([u + du, v + dv], axis=-1).reshape(-1, 2))
-            rays = np.column_stack([xy, np.ones(len(xy))]) @ T[:3, :3].T
+            sample = (xy + du * along_u + dv * along_v).reshape(-1, 2)
+            rays = np.column_stack([sample, np.ones(len(sample))]) @ T[:3, :3].T
             reach = -T[2, 3] / rays[:, 2]
             place = (rays * reach[:, None] + T[:3, 3])[:, :2]
             inside = (np.abs(place[:, 0]) < board.width_m / 2) & (np.abs(place[:, 1]) < board.height_m / 2)
@@ -142,9 +156,9 @@ def render(camera: BoardCamera, board: BoardSpec, T_camera_board: Array, rng: np
             ).astype(int)
             pattern = ((cell >= 0) & (cell < [board.columns + 1, board.rows + 1])).all(axis=1)
             black = pattern & ((cell.sum(axis=1) % 2) == 0)
-            value = np.where(black, 30.0, 215.0).reshape(u.shape)
-            total += np.where(inside.reshape(u.shape), value, 0.0)
-            weight += inside.reshape(u.shape)
+            value = np.where(black, 30.0, 215.0).reshape(shape)
+            total += np.where(inside.reshape(shape), value, 0.0)
+            weight += inside.reshape(shape)
     patch = image[v0:v1, u0:u1]
     image[v0:v1, u0:u1] = (total + (9 - weight) * patch) / 9
     image = cv2.GaussianBlur(image, (0, 0), 0.6) + rng.normal(0, 2.0, image.shape)
