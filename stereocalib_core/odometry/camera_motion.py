@@ -17,7 +17,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.small_algebra import (
     FAST,
     rotation_from_vector,
@@ -207,7 +206,7 @@ def full_pair(
 
 
 @njit(cache=True, nogil=True)
-def _solve_full(
+def solve_full(
     first: int,
     last: int,
     rays: Array,
@@ -222,7 +221,13 @@ def _solve_full(
     motions: Array,
     covariances: Array,
 ) -> None:
-    """Rows first ... last of `solve_full`, written in place."""
+    """Every active pair of first ... last by `full_pair`, in place.
+
+    tilts: (N, 3) what is added to normal / height [1/m] of the road in the previous frame of each pair.
+    initial: (N, 6 or more) where to start. road_share: weight of a road point, 1 for others.
+    scale_sigma: of the depth factor of points off the road.
+    motions: (N, 7) motion, and 1 where it was solved. covariances: (N, 6, 6).
+    """
     for i in range(first, last):
         if not active[i]:
             continue
@@ -238,33 +243,8 @@ def _solve_full(
             covariances[i] = np.linalg.inv(information) * variance
 
 
-def solve_full(
-    rays: Array,
-    start: NDArray[np.int64],
-    road_end: NDArray[np.int64],
-    active: NDArray[np.bool_],
-    tilts: Array,
-    initial: Array,
-    focal_px: float,
-    road_share: float,
-    scale_sigma: float,
-) -> tuple[Array, Array]:
-    """Every active pair by `full_pair`: (N, 7) motion and whether solved, (N, 6, 6) covariance.
-
-    tilts: (N, 3) what is added to normal / height [1/m] of the road in the previous frame of each pair.
-    road_share: weight of a road point, 1 for others. scale_sigma: of the depth factor of points off the road.
-    """
-    n = len(start) - 1
-    motions, covariances = np.zeros((n, 7)), np.zeros((n, 6, 6))
-    in_chunks(
-        _solve_full, n,
-        rays, start, road_end, active, tilts, initial, focal_px, road_share, scale_sigma, motions, covariances,
-    )  # fmt: skip
-    return motions, covariances
-
-
 @njit(cache=True, nogil=True)
-def _solve_stereo(
+def solve_stereo(
     first: int,
     last: int,
     rays: Array,
@@ -274,7 +254,7 @@ def _solve_stereo(
     min_points: int,
     motions: Array,
 ) -> None:
-    """Rows first ... last of `solve_stereo`, written in place."""
+    """Every pair of first ... last from measured disparities alone, in place; `motions` (N, 7) as in `solve_full`."""
     for i in range(first, last):
         count = 0
         for k in range(start[i], start[i + 1]):
@@ -294,17 +274,3 @@ def _solve_stereo(
         if solved:
             motions[i, :6] = motion
             motions[i, 6] = 1.0
-
-
-def solve_stereo(
-    rays: Array,
-    start: NDArray[np.int64],
-    previous: NDArray[np.int64],
-    focal_px: float,
-    min_points: int,
-) -> Array:
-    """(N, 7) motion of every pair from measured disparities alone, and whether it was solved."""
-    n = len(start) - 1
-    motions = np.zeros((n, 7))
-    in_chunks(_solve_stereo, n, rays, start, previous, focal_px, min_points, motions)
-    return motions

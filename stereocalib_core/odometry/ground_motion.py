@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.odometry.camera_motion import CAUCHY_PX, MAX_ITERATIONS
-from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.small_algebra import FAST, solve_symmetric
 
 Array = NDArray[np.float64]
@@ -154,7 +153,7 @@ def planar_pair(
 
 
 @njit(cache=True, nogil=True)
-def _solve_planar(
+def solve_planar(
     first: int,
     last: int,
     rays: Array,
@@ -169,7 +168,11 @@ def _solve_planar(
     motions: Array,
     covariances: Array,
 ) -> None:
-    """Rows first ... last of `solve_planar`, written in place."""
+    """Every active pair of first ... last by `planar_pair`, in place.
+
+    extrinsics: (N, 4) of every frame. initial: (N, 3). motions: (N, 4) x, z [m], heading [rad] of T_road0_road1,
+    and 1 where it was solved. covariances: (N, 3, 3).
+    """
     for i in range(first, last):
         if not active[i]:
             continue
@@ -178,28 +181,3 @@ def _solve_planar(
         if planar_pair(rays, start[i], road_end[i], e0, e1, lever, focal_px, motion, covariances[i]):
             motions[i, :3] = motion
             motions[i, 3] = 1.0
-
-
-def solve_planar(
-    rays: Array,
-    start: NDArray[np.int64],
-    road_end: NDArray[np.int64],
-    previous: NDArray[np.int64],
-    active: NDArray[np.bool_],
-    extrinsics: Array,
-    initial: Array,
-    lever: float,
-    focal_px: float,
-) -> tuple[Array, Array]:
-    """Every active pair by `planar_pair`.
-
-    extrinsics: (N, 4) of every frame. initial: (N, 3). Returns (N, 4) x, z [m], heading [rad] of
-    T_road0_road1 and 1 where solved, and the (N, 3, 3) covariance.
-    """
-    n = len(start) - 1
-    motions, covariances = np.zeros((n, 4)), np.zeros((n, 3, 3))
-    in_chunks(
-        _solve_planar, n,
-        rays, start, road_end, previous, active, extrinsics, initial, lever, focal_px, motions, covariances,
-    )  # fmt: skip
-    return motions, covariances

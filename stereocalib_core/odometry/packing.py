@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.odometry.camera_motion import solve_full, solve_stereo
+from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.results import FrameResult, Tracks
 
 Array = NDArray[np.float64]
@@ -55,7 +56,12 @@ class PackedTracks:
     def stereo_motion(self) -> Array:
         """(N, 7) rotation vector [rad], translation [m] of T_current_previous (left camera) from measured
         disparities alone, and 1 where it could be solved; the start of every other solution."""
-        return solve_stereo(self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS)
+        motions = np.zeros((len(self), 7))
+        in_chunks(
+            solve_stereo, len(self),
+            self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS, motions,
+        )  # fmt: skip
+        return motions
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
@@ -75,18 +81,14 @@ class PackedTracks:
     def full_motion(
         self, tilts: Array, initial: Array, road_share: float, scale_sigma: float
     ) -> tuple[Array, Array]:
-        """Every active pair by `solve_full`."""
-        return solve_full(
-            self.rays,
-            self.start,
-            self.road_end,
-            self.active,
-            tilts,
-            initial,
-            self.camera.focal_px,
-            road_share,
-            scale_sigma,
-        )
+        """Every active pair by `solve_full`: (N, 7) motion and 1 where it was solved, (N, 6, 6) covariance."""
+        motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
+        in_chunks(
+            solve_full, len(self),
+            self.rays, self.start, self.road_end, self.active, tilts, initial, self.camera.focal_px,
+            road_share, scale_sigma, motions, covariances,
+        )  # fmt: skip
+        return motions, covariances
 
     @cached_property
     def still(self) -> NDArray[np.bool_]:

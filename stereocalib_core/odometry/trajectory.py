@@ -24,6 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.odometry.chunks import in_chunks
 from stereocalib_core.odometry.ground_motion import solve_planar
 from stereocalib_core.odometry.packing import ROAD_SHARE, PackedTracks
 from stereocalib_core.odometry.small_algebra import rotation_from_vector, vector_from_rotation
@@ -211,18 +212,14 @@ def _planar(
 ) -> tuple[Array, Array, Array]:
     """(N, 3) planar motion, (N, 3, 3) covariance and (N,) whether solved."""
     initial = _planar_of(tracks.stereo_motion, rotations, np.maximum(tracks.previous, 0))
-    result, covariance = solve_planar(
-        tracks.rays,
-        tracks.start,
-        tracks.road_end,
-        tracks.previous,
-        active,
-        used,
-        initial,
-        lever,
-        tracks.camera.focal_px,
-    )
-    return result[:, :3].copy(), covariance, result[:, 3].copy()
+    count = len(tracks)
+    motions, covariance = np.zeros((count, 4)), np.zeros((count, 3, 3))
+    in_chunks(
+        solve_planar, count,
+        tracks.rays, tracks.start, tracks.road_end, tracks.previous, active, used, initial, lever,
+        tracks.camera.focal_px, motions, covariance,
+    )  # fmt: skip
+    return motions[:, :3].copy(), covariance, motions[:, 3].copy()
 
 
 @njit(cache=True, nogil=True)
