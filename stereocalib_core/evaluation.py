@@ -42,9 +42,7 @@ class OdometryErrors:
 
 @dataclass(frozen=True)
 class PathError:
-    """Statistics of a per-pose error. unit: `m` or `deg`. alignment: how the paths were laid over each
-    other.
-    """
+    """Statistics of a per-pose error. unit: `m` or `deg`. alignment: how the paths were laid over each other."""
 
     rmse: float
     mean: float

@@ -82,8 +82,8 @@ def search_motion(
 ) -> Array:
     """(6,) motion (rotation vector [rad], translation [m] of T_current_previous) that looks best.
 
-    before, after: quarter-size pictures. rays: (5, N) as in the odometry. last: (6,) motion per frame
-    or None.
+    before, after: quarter-size pictures. rays: (5, N) as in `PackedTracks`. last: (6,) motion per frame or None.
+    jump: frames between the two pictures.
     """
     road, above = np.flatnonzero(on_road), np.flatnonzero(~on_road)
     pick = np.concatenate([_thin(road, _POINTS // 2), _thin(above, _POINTS // 2)])

@@ -102,7 +102,7 @@ def open_source(spec: str) -> FrameSource:
     if kind is SourceKind.SYNTHETIC:
         from stereocalib_core.sources import synthetic
 
-        return synthetic.from_spec(spec)
+        return synthetic.SyntheticSource.from_spec(spec)
     if kind is SourceKind.VIDEO:
         from stereocalib_core.sources import video
 

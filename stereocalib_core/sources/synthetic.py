@@ -119,8 +119,3 @@ class SyntheticSource:
         if not 0 <= index < len(self):
             raise IndexError(index)
         return self.studio.truth(index)
-
-
-def from_spec(spec: str) -> SyntheticSource:
-    """The drive that `synthetic[:NAME][?key=value&...]` asks for."""
-    return SyntheticSource.from_spec(spec)

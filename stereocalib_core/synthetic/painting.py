@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from stereocalib_core.synthetic.textures import tileable_noise
 
 Grey = NDArray[np.uint8]
-FACADE_TEXEL_M = 0.02
 FACADES = 8
 CAR_TEXEL_M = 0.01
 

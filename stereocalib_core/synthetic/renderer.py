@@ -30,7 +30,7 @@ _HAZE_GREY = 190.0
 
 @dataclass(frozen=True)
 class View:
-    """grey (H, W) float32 of a perfect sensor; depth_m (H, W) float32, 0 = none; label (H, W) uint8."""
+    """grey (H, W) of a perfect sensor, inverse_depth (H, W) [1/m], 0 = none, label (H, W) as in `FrameTruth`."""
 
     grey: NDArray[np.float32]
     inverse_depth: NDArray[np.float32]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from stereocalib_core.synthetic.raster import FLAG_ALPHA, FLAG_GROUND, SAMPLES
@@ -186,8 +185,3 @@ def shade(  # type: ignore[no-untyped-def]
             else:
                 inverse_depth[y, x] = 0.0
                 label[y, x] = UNKNOWN
-
-
-def no_shadows() -> np.ndarray:
-    """An empty list of shadows."""
-    return np.zeros((0, 4))
