@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import ConfigDict
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 _STRICT = ConfigDict(extra="forbid")
+Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -57,7 +60,8 @@ class FilterConfig:
     """The filter over height, pitch and roll. Body sizes are standard deviations about the rest pose."""
 
     natural_hz: float = 1.4
-    damping: float = 0.35
+    damping: Share = 0.35
+    """Of the critical one."""
     body_height_m: float = 0.006
     body_pitch_deg: float = 0.12
     body_roll_deg: float = 0.10
@@ -66,7 +70,7 @@ class FilterConfig:
     rest_angle_deg: float = 0.15
     memory_s: float = 2.0
     """Over which the sizes of body motion and measurement noise are learnt."""
-    persistent_share: float = 0.5
+    persistent_share: Share = 0.5
     """Of a frame's variance, what it shares with its neighbours: it does not average out."""
     look_ahead: bool = True
     """Use later frames as well, within each unbroken stretch; off = causal."""
