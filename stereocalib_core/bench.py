@@ -16,12 +16,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config import Method, PipelineConfig
 from stereocalib_core.drive import analyse
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.odometry.packing import pack_tracks
 from stereocalib_core.odometry.trajectory import TrajectorySettings, trajectory
-from stereocalib_core.pipeline import FrontEnd, look_at_pair, with_method
+from stereocalib_core.pipeline import FrontEnd, look_at_pair
 from stereocalib_core.results import FrameResult, Tracks
 from stereocalib_core.sources import open_source, prefetch
 
@@ -45,9 +45,9 @@ def _yardstick(frame: StereoFrame) -> Callable[[], object]:
     return lambda: matcher.compute(left, right)
 
 
-def _chain(source: FrameSource, method: str, frames: Sequence[int]) -> Callable[[int], object]:
+def _chain(source: FrameSource, method: Method, frames: Sequence[int]) -> Callable[[int], object]:
     """Decode to extrinsics of one frame, the pair's self-check included."""
-    config = with_method(PipelineConfig(), method)
+    config = PipelineConfig(method=method)
 
     def call(k: int) -> object:
         frame = source[frames[k % len(frames)]]
@@ -115,8 +115,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     frames = list(range(min(len(source), 60)))
     pairs = [source[i] for i in frames]  # a synthetic drive is rendered before anything is timed
     yardstick = _yardstick(next(p for p in pairs if p.left is not None))
-    chains = {method: _chain(source, method, frames) for method in ("paper", "direct")}
-    times: dict[str, list[float]] = {"yardstick": [], **{m: [] for m in chains}}
+    methods: tuple[Method, ...] = ("paper", "direct")
+    chains = {method: _chain(source, method, frames) for method in methods}
+    times: dict[str, list[float]] = {"yardstick": [], **{m: [] for m in methods}}
     for k in range(-2, CALLS):
         for name, call in (("yardstick", lambda k: yardstick()), *chains.items()):
             elapsed = _timed_ms(lambda call=call, k=k: call(k + 2))  # type: ignore[misc]
@@ -125,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     base = float(np.median(times["yardstick"]))
     write(f"{Path(source.name).name}: {source.camera.width}x{source.camera.height}, {len(frames)} frames\n")
     write(f"yardstick, SGBM_3WAY full size   {base:8.1f} ms   1.00\n")
-    for method in chains:
+    for method in methods:
         value = float(np.median(times[method]))
         write(f"decode to extrinsics, {method:<8}   {value:8.1f} ms   {value / base:.2f}\n")
     per_frame, results = _throughput_ms(source, len(frames))

@@ -31,11 +31,12 @@ from stereocalib_core.yaml_file import read_yaml
 
 __all__ = [
     "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
-    "PipelineConfig", "ProfileConfig", "RectificationConfig", "RoadCheckConfig", "RoadPointsConfig",
+    "Method", "PipelineConfig", "ProfileConfig", "RectificationConfig", "RoadCheckConfig", "RoadPointsConfig",
     "ShiftAlarmConfig", "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 _STRICT = ConfigDict(extra="forbid")
+Method = Literal["direct", "paper"]
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -206,7 +207,7 @@ class LimitsConfig:
 class PipelineConfig:
     """Everything a run is set by."""
 
-    method: Literal["direct", "paper"] = "direct"
+    method: Method = "direct"
     images: ImageConfig = ImageConfig()
     disparity: DisparityConfig = DisparityConfig()
     free_map: FreeMapConfig = FreeMapConfig()

@@ -181,8 +181,3 @@ def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:
         failure=road.failure,
         checks=road.checks,
     )
-
-
-def with_method(config: PipelineConfig, method: str) -> PipelineConfig:
-    """The same settings with another `--method`."""
-    return dataclasses.replace(config, method=method)  # type: ignore[arg-type]

@@ -8,10 +8,9 @@ import pytest
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.pipeline import with_method
 from stereocalib_core.road.estimate import estimate_road
 from stereocalib_core.road.variants import eq12_roll
-from stereocalib_core.sources.synthetic import from_spec
+from stereocalib_core.sources.synthetic import SyntheticSource
 from stereocalib_core.synthetic.plane import render_plane
 
 CAMERA = StereoCamera(1226, 370, 707.0912, 601.8873, 183.1104, 0.53715)
@@ -76,7 +75,7 @@ def test_sigma_on_a_plane_has_room_for_real_roads_and_no_more(
 @pytest.fixture(scope="module")
 def town() -> dict[str, np.ndarray]:
     """Errors over sigma (N, 3) of height, pitch, roll on every 17th frame of the town, by both methods."""
-    source = from_spec("synthetic:town")
+    source = SyntheticSource.from_spec("synthetic:town")
     truth = source.ground_truth.extrinsics
     assert truth is not None
     found: dict[str, list[np.ndarray]] = {"paper": [], "direct": []}
@@ -84,7 +83,7 @@ def town() -> dict[str, np.ndarray]:
         frame = source[k]
         assert frame.left is not None and frame.right is not None
         for method in found:
-            config = with_method(PipelineConfig(), method)
+            config = PipelineConfig(method=method)
             road = estimate_road(frame.left, frame.right, source.camera, config)
             if road.estimate is not None:
                 e = road.estimate.extrinsics
