@@ -112,8 +112,10 @@ def run_drive(
         report = _finished(job)
         if report is not None:
             return report
-    earlier, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
-    done = earlier[: stop - start]
+    done, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
+    if len(done) > stop - start:
+        remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
+        raise OutputError("stopped run of more frames", out, remedy)
     folder.create()
     try:
         return _run(job, done, keep, progress)

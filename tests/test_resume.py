@@ -213,8 +213,9 @@ def test_killed_twice_and_resumed(tmp_path: Path, kitti_03: Path, undisturbed: P
 def test_resume_with_other_settings_touches_nothing(tmp_path: Path, kitti_03: Path) -> None:
     out = tmp_path / "out"
 
-    def kill(*_: object) -> None:
-        raise Killed
+    def kill(done: int, *_: object) -> None:
+        if done == 2:
+            raise Killed
 
     with pytest.raises(Killed):
         run_drive(str(kitti_03), out, (20, 33), progress=kill)
@@ -225,6 +226,8 @@ def test_resume_with_other_settings_touches_nothing(tmp_path: Path, kitti_03: Pa
         )
     with pytest.raises(OutputError, match="first frame changed"):
         run_drive(str(kitti_03), out, (21, 33), resume=True)
+    with pytest.raises(OutputError, match="stopped run of more frames"):
+        run_drive(str(kitti_03), out, (20, 21), resume=True)
     assert (out / CHECKPOINT).read_bytes() == before
 
 

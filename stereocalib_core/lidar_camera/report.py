@@ -76,7 +76,7 @@ def to_dict(result: Calibration, estimated_rms_px: float | None = None) -> dict[
         "camera": camera,
         "ros2_static_transform": result.ros2_static_transform(),
     }
-    return plain(values)  # type: ignore[no-any-return]
+    return plain(values)
 
 
 def write(result: Calibration, path: Path, estimated_rms_px: float | None = None) -> None:

@@ -91,7 +91,7 @@ def _read_calib(date_folder: Path) -> dict[str, Any]:
     """pykitti's calibration of the date folder; only the camera's part is indispensable."""
     import pykitti
 
-    class Calibration(pykitti.raw):  # type: ignore[misc]
+    class Calibration(pykitti.raw):
         """pykitti's readers without its demand that every file be there."""
 
         def __init__(self) -> None:
