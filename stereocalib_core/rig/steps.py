@@ -146,7 +146,8 @@ def find_step(
     # A short drive has not shown how far its values may stray.
     threshold *= 1.0 + 5.0 / float(known.sum())
     white = _whiten(series, calm, noise)
-    usable = known & (at >= _SKIPPED) & (at <= len(series) - reach) & _seen_around(known, reach)
+    first = int(np.argmax(known))
+    usable = known & (at >= first + _SKIPPED) & (at <= len(series) - reach) & _seen_around(known, reach)
     if not usable.any():
         return None
     found = [_likelihood(white, horizon) for horizon in horizons]
@@ -176,7 +177,7 @@ def _seen_around(known: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Values all around, or nothing is said: what fails beside a jump is no mount."""
     seen = np.concatenate([[0], np.cumsum(known)])
     at = np.arange(len(known))
-    ahead, behind = np.minimum(at + reach, len(known)), np.maximum(at - reach, 0)
+    ahead, behind = np.minimum(at + reach, len(known)), np.clip(at - reach, np.argmax(known), at)
     enough = seen[ahead] - seen[at] >= 0.85 * (ahead - at)
     return np.asarray(enough & (seen[at] - seen[behind] >= 0.85 * (at - behind)))
 

@@ -59,6 +59,15 @@ def test_a_knock_amid_braking_and_curves_has_its_axis_and_size(axis: int, seed: 
     assert found[0].as_report()["unit"] == ("m" if axis == 0 else "deg")
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_knock_soon_after_the_start_is_found(axis: int) -> None:
+    drive = ride(80, 3, straight=True)
+    z = shifted(drive, axis, SIZES[axis], 20)
+    found = find_shifts(as_results(z, np.eye(3) * 1e-8, drive.time_s, range(8)), drive.motion)
+    assert [s.axis for s in found] == [AXES[axis]]
+    assert abs(found[0].frame - 20) <= 2
+
+
 def test_what_comes_and_goes_is_two_shifts() -> None:
     drive = ride(600)
     z = shifted(drive, 2, SIZES[2], 200) - shifted(drive, 2, 0.0, 0) + shifted(drive, 2, -SIZES[2], 400)
