@@ -88,6 +88,8 @@ class FrameView:
 
 
 SMALL_PX = 320
+MOVING_PX = 640
+"""Width of a picture while the drive plays."""
 
 
 def small_picture(frame: StereoFrame) -> NDArray[np.uint8] | None:
@@ -141,28 +143,33 @@ class FrameViews:
 
         return self._stages.get(index, make)
 
-    def get(self, index: int, layout: str, live: Extrinsics | None = None) -> FrameView:
-        """The frame's picture in a layout; `live` draws a second road with those extrinsics."""
+    def get(self, index: int, layout: str, live: Extrinsics | None = None, moving: bool = False) -> FrameView:
+        """The frame's picture in a layout; `live` draws a second road with those extrinsics; a `moving` picture is
+        smaller: browsers without a graphics card take most of their time for large ones."""
 
         def make() -> FrameView:
             seen = self.stages(index)
             camera = self._source.camera
             points, colors = cloud(seen.frame, seen.stages, camera)
             picture = render.composed_view(seen.frame, seen.stages, camera, layout, live)
+            if moving:
+                size = MOVING_PX, round(picture.shape[0] * MOVING_PX / picture.shape[1])
+                picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
             return FrameView(index, canvas.encode_jpeg(picture), points, colors, small_picture(seen.frame))
 
-        return self._views.get((index, layout, live), make)
+        return self._views.get((index, layout, live, moving), make)
 
-    def has(self, index: int, layout: str, live: Extrinsics | None = None) -> bool:
+    def has(self, index: int, layout: str, live: Extrinsics | None = None, moving: bool = False) -> bool:
         """Whether `get` would answer at once."""
-        return (index, layout, live) in self._views
+        return (index, layout, live, moving) in self._views
 
     def make_ahead(self, wanted: Sequence[tuple[int, Extrinsics | None]], layout: str) -> None:
-        """Make views in the background that will be asked for soon; what was asked for last time is forgotten."""
+        """Make moving views in the background that will be asked for soon; what was asked for last time is
+        forgotten."""
         for future in self._ahead:
             future.cancel()
         try:
-            self._ahead = [self._makers.submit(self.get, index, layout, live) for index, live in wanted]
+            self._ahead = [self._makers.submit(self.get, index, layout, live, True) for index, live in wanted]
         except RuntimeError:
             # Closed meanwhile: the page that asked is on its way out.
             self._ahead = []

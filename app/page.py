@@ -237,7 +237,8 @@ class Page:
             self._show(moment)
         if frame_changed or settings_changed:
             views = self.session.views_with(settings.broken_stage)
-            view = views.get(clock.frame, settings.layout, self._live_road(clock.frame, settings))
+            live = self._live_road(clock.frame, settings)
+            view = views.get(clock.frame, settings.layout, live, clock.playing)
             moment = replace(moment, view=view)
         self._show(moment)
         self._last = key
@@ -255,7 +256,7 @@ class Page:
         settings = self.settings
         views = self.session.views_with(settings.broken_stage)
         for frame in range(due, max(after, due - CHOICES), -1):
-            if views.has(frame, settings.layout, self._live_road(frame, settings)):
+            if views.has(frame, settings.layout, self._live_road(frame, settings), moving=True):
                 return frame
         return due
 

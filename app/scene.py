@@ -94,6 +94,16 @@ class Scene:
             precision="float32",
             point_shading="flat",
         )
+        # viser makes a new material for every change of colours; while no other cloud holds the old one's program, a
+        # browser compiles it again, which takes longer than all the rest of a frame without a graphics card.
+        scene.add_point_cloud(
+            f"{root}/program",
+            np.zeros((2, 3), np.float32),
+            np.zeros((2, 3), np.uint8),
+            point_size=1e-6,
+            precision="float32",
+            point_shading="flat",
+        )
         self._plumb = scene.add_line_segments(
             f"{root}/car/plumb",
             np.array([[[0, 0, 0], [0, -1.65, 0]]], np.float32),

@@ -16,8 +16,10 @@ import pytest
 from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm_page
 
 from app.arguments import build_parser
+from app.frame_views import MOVING_PX
 from app.hub import Hub
 from app.page_words import from_words
+from app.render import WIDTH_PX
 
 pytestmark = pytest.mark.browser
 
@@ -271,3 +273,26 @@ def test_markers_lead_to_their_frame(page: Any, fresh: Hub) -> None:
     assert scene._marked == tuple(range(20))
     entries = scene.scene._markers._impl.click_cb  # type: ignore[union-attr]
     assert entries
+
+
+def test_a_frame_compiles_no_shader_again(page: Any, fresh: Hub) -> None:
+    """That takes a browser without a graphics card longer than everything else of a frame."""
+    page.evaluate(
+        "() => { const P = WebGL2RenderingContext.prototype, o = P.linkProgram; window.linked = 0;"
+        " P.linkProgram = function (program) { window.linked++; return o.call(this, program); }; }"
+    )
+    for frame in range(1, 7):
+        fresh.shared.playback.seek(frame)
+        until(lambda wanted=frame: shown_frame(page) == wanted, what=f"frame {frame}")
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.evaluate("window.linked") <= 1
+
+
+def test_pictures_are_smaller_while_the_drive_plays(page: Any, fresh: Hub) -> None:
+    width = "() => Math.max(...[...document.images].map(i => i.naturalWidth))"
+    until(lambda: page.evaluate(width) == WIDTH_PX, what="full picture at rest")
+    fresh.shared.playback.set_speed(0.25)
+    press(page, "play")
+    until(lambda: page.evaluate(width) == MOVING_PX, what="smaller picture")
+    press(page, "pause")
+    until(lambda: page.evaluate(width) == WIDTH_PX, what="full picture again")
