@@ -61,7 +61,7 @@ def test_a_knock_amid_braking_and_curves_has_its_axis_and_size(axis: int, seed: 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_knock_soon_after_the_start_is_found(axis: int) -> None:
-    drive = ride(80, 3, straight=True)
+    drive = ride(80, 2, straight=True)
     z = shifted(drive, axis, SIZES[axis], 20)
     found = find_shifts(as_results(z, np.eye(3) * 1e-8, drive.time_s, range(8)), drive.motion)
     assert [s.axis for s in found] == [AXES[axis]]
