@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from conftest import shown_frame, until
+from conftest import press, shown_frame, tab, until
 
 from app.hub import Hub
 
@@ -62,3 +62,22 @@ def test_hotkeys(fresh: Hub, open_page: Any) -> None:
     until(lambda: page.get_by_text("Every number is within its limits").is_visible(), what="Debug by its key")
     page.keyboard.press("Space")
     until(lambda: fresh.shared.playback.state.playing, what="Space plays")
+
+
+def test_speed_and_loop(fresh: Hub, open_page: Any) -> None:
+    page, clock = open_page(fresh), fresh.shared.playback
+    tab(page, "Playback")
+    press(page, "4×")
+    page.get_by_label("Loop").click(force=True)
+    until(lambda: clock.state.speed == 4.0 and clock.state.loop, what="speed and loop")
+    filled = "e => getComputedStyle(e).backgroundColor !== 'rgba(0, 0, 0, 0)'"
+    chosen = page.get_by_role("button", name="4×", exact=True)
+    until(lambda: chosen.evaluate(filled), what="4× marked")
+    assert not page.get_by_role("button", name="1×", exact=True).evaluate(filled)
+    tab(page, "Time line")
+    clock.seek(16)
+    until(lambda: shown_frame(page) == 16, what="near the end")
+    press(page, "play")
+    until(lambda: 0 <= shown_frame(page) < 12, what="round the end")
+    assert clock.state.playing
+    assert page.get_by_text("4×").first.is_visible()

@@ -108,6 +108,25 @@ def test_debug_leads_to_the_failure_and_says_why(page: Any, hub: Hub) -> None:
     assert page.get_by_text("is outside").first.is_visible()
 
 
+def test_playback_stops_at_a_failure_and_failures_go_round(page: Any, hub: Hub) -> None:
+    clock = hub.shared.playback
+    tab(page, "Playback")
+    page.get_by_label("Pause on failure").click(force=True)
+    until(lambda: clock.state.pause_on_failure, what="pause wanted")
+    tab(page, "Time line")
+    clock.seek(DARK[0] - 3)
+    until(lambda: shown_frame(page) == DARK[0] - 3, what="before the failure")
+    press(page, "play")
+    until(lambda: shown_frame(page) == DARK[0] and not clock.state.playing, what="stopped at the failure")
+    for wanted in (DARK[0] + 1, DARK[1], DARK[0]):
+        page.get_by_role("button", name="failure ▶").last.click(force=True)
+        until(lambda frame=wanted: shown_frame(page) == frame, what=f"failure {wanted}")
+    until(lambda: page.get_by_text("Round the end").count(), what="told that it went round")
+    page.keyboard.press("Shift+F")
+    until(lambda: shown_frame(page) == DARK[1], what="round the other way")
+    clock.set_pause_on_failure(False)
+
+
 def test_a_fault_is_switched_on_live_and_off_again(page: Any, hub: Hub) -> None:
     """Only the frames from the fault on are computed again."""
     before = hub.shared.session
