@@ -121,7 +121,7 @@ class Library:
         folder = Path(tempfile.mkdtemp(prefix="stereocalib-upload-"))
         self._uploads.append(folder)
         unpack(name, content, folder)
-        return open_drive(str(drive_folder(folder)), self._config, limits=self._limits)
+        return open_drive(str(drive_folder(folder, name)), self._config, limits=self._limits)
 
     def close(self) -> None:
         """Remove what was uploaded."""
@@ -160,7 +160,7 @@ def unpack(name: str, content: bytes, folder: Path) -> None:
         raise SourceError("zip cannot be read", name, str(error)) from error
 
 
-def drive_folder(folder: Path) -> Path:
+def drive_folder(folder: Path, name: str) -> Path:
     """The drive inside an unpacked zip: the folder itself or the only one that is a drive."""
     for candidate in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:200]:
         try:
@@ -168,4 +168,4 @@ def drive_folder(folder: Path) -> Path:
                 return candidate
         except (SourceError, ConfigError):
             continue
-    raise SourceError("no stereo drive in the zip", folder.name, "pack left/ right/ camera.yaml, or KITTI")
+    raise SourceError("no stereo drive in the zip", name, "pack left/ right/ camera.yaml, or KITTI")

@@ -6,6 +6,8 @@ It only adds to viser's look: where a rule no longer fits a later viser, the ele
 from __future__ import annotations
 
 MARK = "stereocalib-chosen"
+MOST_CHOICES = 5
+"""Buttons in the largest group of which one is chosen: the speeds of playback."""
 
 _RULES = """
 div:has(> .uplot-container) { margin-bottom: -7px; }
@@ -26,9 +28,9 @@ _CHOSEN = (
 )
 
 
-def style_sheet(choices: int) -> str:
-    """HTML with the rules; `choices` is the number of buttons in the largest marked group."""
-    chosen = "\n".join(_CHOSEN % (n, n + 1) for n in range(choices))
+def style_sheet() -> str:
+    """HTML with the rules. Every panel has its own: what is in a panel that is folded away counts for nothing."""
+    chosen = "\n".join(_CHOSEN % (n, n + 1) for n in range(MOST_CHOICES))
     return f"<style>{_RULES}{chosen}</style>"
 
 

@@ -53,10 +53,6 @@ def drive_line(moment: Moment) -> str:
     return f"{title}\n\ncomputing {share:.0f} % · {rate:.1f} frames/s · {ok} ok · {failed} failed"
 
 
-MOST_CHOICES = 5
-"""Buttons in the largest group of which one is chosen: the speeds of playback."""
-
-
 class HeaderPanel:
     """Docked right."""
 
@@ -65,7 +61,7 @@ class HeaderPanel:
         self._page = page
         self._drive = page.add_root(gui.add_markdown(""))
         self._progress = page.add_root(gui.add_progress_bar(0.0))
-        page.add_root(gui.add_html(style_sheet(MOST_CHOICES)))
+        page.add_root(gui.add_html(style_sheet()))
         self._chosen = page.add_root(gui.add_html(chosen(0)))
         self._preset = page.add_root(
             gui.add_button_group(

@@ -12,7 +12,7 @@ from app.moment import Moment
 from app.panels.errors import ErrorsPanel
 from app.plots import Chart, Curve
 from app.session import Snapshot
-from app.style import chosen
+from app.style import chosen, style_sheet
 from app.tables import numbers_table
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.io import SavedRun
@@ -128,7 +128,7 @@ def legend_line(with_truth: bool, with_compared: bool = False) -> str:
         parts.insert(2, mark("┅", palette.COMPARED, "other run"))
     if with_truth:
         parts.insert(2, mark("┅", palette.TRUTH, "truth"))
-    return f'<div style="{LEGEND}">{"".join(parts)}</div>'
+    return f'<div style="{LEGEND}">{"".join(parts)}</div>{style_sheet()}'
 
 
 def now_table(moment: Moment) -> str:
@@ -179,6 +179,11 @@ HEADLINE = (
 LEGEND = "display:flex;justify-content:flex-end;margin:-0.1em 1em -0.5em;font-size:0.75em;white-space:nowrap"
 
 
+def speed_mark(speed: float) -> str:
+    """HTML that fills in the button of a speed."""
+    return chosen(SPEEDS.index(SPEED_NAME[speed])) + style_sheet()
+
+
 class TimelinePanel:
     """Floats at the bottom of the 3-D view."""
 
@@ -206,7 +211,7 @@ class TimelinePanel:
         with self.panel.add_tab("Path errors"):
             self._errors = ErrorsPanel(page)
         with self.panel.add_tab("Playback"):
-            self._chosen_speed = gui.add_html(chosen(SPEEDS.index("1×")))
+            self._chosen_speed = gui.add_html(speed_mark(1.0))
             self._speed = gui.add_button_group("Speed", SPEEDS, hint="1× is the recording's own pace.")
             self._loop = gui.add_checkbox("Loop", False, hint="Start over at the end of the drive.")
             self._pause = gui.add_checkbox(
@@ -256,7 +261,7 @@ class TimelinePanel:
             self._transport.options = transport
         self._slider.value = moment.frame
         if moment.clock.speed in SPEED_NAME:
-            self._chosen_speed.content = chosen(SPEEDS.index(SPEED_NAME[moment.clock.speed]))
+            self._chosen_speed.content = speed_mark(moment.clock.speed)
         self._loop.value = moment.clock.loop
         self._pause.value = moment.clock.pause_on_failure
         if moment.drive_changed or moment.compared is not self._compared:

@@ -9,6 +9,7 @@ import numpy as np
 from app.moment import Moment
 from app.render import WIDTH_PX
 from app.settings import LAYOUTS
+from app.style import style_sheet
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -45,6 +46,7 @@ class ViewsPanel:
                 "Show", LAYOUTS, initial_value="all stages", hint="One stage large, or all of them."
             )
             self._explain = gui.add_markdown(EXPLAIN["all stages"])
+            gui.add_html(style_sheet())
         page.on_input(self._layout, lambda value: page.change(layout=value))
 
     def update(self, moment: Moment) -> None:

@@ -85,7 +85,7 @@ def test_links_bombs_and_rubbish_are_refused(tmp_path: Path, monkeypatch: pytest
 def test_a_zip_without_a_drive_says_so(tmp_path: Path) -> None:
     unpack("x.zip", zipped({"notes/readme.txt": b"hello"}), tmp_path)
     with pytest.raises(SourceError, match="no stereo drive in the zip"):
-        drive_folder(tmp_path)
+        drive_folder(tmp_path, "mine.zip")
 
 
 def test_part_of_a_drive_starts_at_its_own_zero() -> None:

@@ -296,3 +296,14 @@ def test_pictures_are_smaller_while_the_drive_plays(page: Any, fresh: Hub) -> No
     until(lambda: page.evaluate(width) == MOVING_PX, what="smaller picture")
     press(page, "pause")
     until(lambda: page.evaluate(width) == WIDTH_PX, what="full picture again")
+
+
+def test_a_panel_that_is_folded_away_takes_no_style_with_it(page: Any) -> None:
+    border = "() => getComputedStyle(document.querySelector('.uplot-container')).borderTopWidth"
+    assert page.evaluate(border) == "0px"
+    corner = page.viewport_size["width"] - 13, 7
+    page.mouse.click(*corner)
+    until(lambda: page.get_by_role("button", name="Teach").count() == 0, what="right panel folded away")
+    assert page.evaluate(border) == "0px"
+    page.mouse.click(*corner)
+    until(lambda: page.get_by_role("button", name="Teach").count() == 1, what="right panel back")
