@@ -15,6 +15,7 @@ from app.lidar_render import WIDTH_PX, cloud_over_picture
 from app.lidar_scene import LidarScene, look_from
 from app.lidar_session import LidarSession, LidarSnapshot
 from app.panels.views import set_jpeg
+from app.style import style_sheet
 from stereocalib_core.errors import StereoCalibError
 
 LOG = logging.getLogger(__name__)
@@ -57,6 +58,7 @@ class LidarPage:
                 "Near points are red, far ones blue. A good calibration puts the jump in range on the board's "
                 "edge. The linear solution is where the refinement starts."
             )
+            gui.add_html(style_sheet())
         self.on_input(self._close_up, lambda value: self.session.change(close_up=value))
         with panel.add_tab("3-D"):
             boxes = [
@@ -86,6 +88,7 @@ class LidarPage:
         self._headline: Any = gui.add_markdown("")
         self._progress: Any = gui.add_progress_bar(0.0)
         self._verdict = gui.add_markdown("")
+        gui.add_html(style_sheet())
         self._parts: list[Any] = []
         tabs: Any = gui.add_tab_group()
         for name, part in (
