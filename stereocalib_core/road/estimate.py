@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -46,17 +46,25 @@ class RoadResult:
     timing_ms: dict[str, float]
 
 
+@dataclass
 class RoadAttempt:
     """What has been found so far of one pair: begun by `begin_road`, ended by `finish_road`."""
 
-    def __init__(self) -> None:
-        self.values: dict[str, object] = {}
-        self.checks: list[Check] = []
-        self.timing_ms: dict[str, float] = {}
-        self.failure: Failure | None = None
-        self._mark = time.perf_counter()
+    disparity: DisparityMap | None = None
+    u_counts: NDArray[np.int32] | None = None
+    obstacles: Mask | None = None
+    free: Mask | None = None
+    road: Mask | None = None
+    paper: PaperFit | None = None
+    direct: DirectFit | None = None
+    free_fraction: float | None = None
+    failure: Failure | None = None
+    checks: list[Check] = field(default_factory=list)
+    timing_ms: dict[str, float] = field(default_factory=dict)
+    _mark: float = field(default_factory=time.perf_counter)
 
     def lap(self, stage: str) -> None:
+        """Books the time since the last lap to `stage`."""
         now = time.perf_counter()
         self.timing_ms[stage] = self.timing_ms.get(stage, 0.0) + 1e3 * (now - self._mark)
         self._mark = now
@@ -70,18 +78,20 @@ class RoadAttempt:
         high: float | None = None,
         unit: str = "",
     ) -> bool:
+        """Keeps the value beside its limits; is it within them?"""
         result = Check(stage, name, float(value), low, high, unit)
         self.checks.append(result)
         return result.ok
 
     def failed(self, reason: FailureReason, detail: str) -> RoadResult:
+        """The end without a road."""
         return self.result(None, Failure(reason, detail))
 
     def result(self, estimate: RoadEstimate | None, failure: Failure | None) -> RoadResult:
-        names = ("disparity", "u_counts", "obstacles", "free", "road", "paper", "direct", "free_fraction")
-        found = {name: self.values.get(name) for name in names}
+        """The end: an estimate or why there is none."""
         return RoadResult(
-            estimate=estimate, failure=failure, checks=tuple(self.checks), timing_ms=self.timing_ms, **found  # type: ignore[arg-type]
+            estimate, failure, self.disparity, self.u_counts, self.obstacles, self.free, self.road,
+            self.paper, self.direct, self.free_fraction, tuple(self.checks), self.timing_ms,
         )  # fmt: skip
 
 
@@ -141,7 +151,7 @@ def _paper_on_lane(
     fit = fit_paper(disparity, free, camera, config.profile)
     if fit is None:
         return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the free map")
-    attempt.values["paper"] = fit
+    attempt.paper = fit
     if not attempt.check(
         "profile", "share on the profile", fit.profile.support, low=config.profile.min_support
     ):
@@ -162,7 +172,7 @@ def _paper_on_lane(
             near = lane.measure(disparity, free, camera, near_fit.extrinsics, limits.near_only_m, limits)
             if near.agreement >= limits.min_agreement_near:
                 fit, support, far_m, out_of_range = near_fit, near, limits.near_only_m, None
-    attempt.values["paper"] = fit
+    attempt.paper = fit
     if out_of_range is not None:
         return out_of_range
     needed = limits.min_agreement if far_m == limits.far_m else limits.min_agreement_near
@@ -189,7 +199,7 @@ def begin_road(left: Grey, right: Grey, camera: StereoCamera, config: PipelineCo
     attempt.failure = _unusable(attempt, left, right, config.images)
     attempt.lap("image")
     if attempt.failure is None:
-        attempt.values["disparity"] = dense.compute(left, right, camera, config.disparity)
+        attempt.disparity = dense.compute(left, right, camera, config.disparity)
         attempt.lap("disparity")
     return attempt
 
@@ -203,8 +213,8 @@ def finish_road(
     attempt: RoadAttempt, left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig
 ) -> RoadResult:
     """From the dense disparity of `begin_road` to the road; these stages take little more than one core."""
-    disparity = attempt.values.get("disparity")
-    if not isinstance(disparity, DisparityMap):
+    disparity = attempt.disparity
+    if disparity is None:
         return attempt.result(None, attempt.failure)
     lower = disparity.values[disparity.values.shape[0] // 2 :]
     valid = float(np.mean(lower > 0))
@@ -217,7 +227,7 @@ def finish_road(
     bins = int(np.ceil(config.disparity.max_disparity_px / bin_px))
     u_counts = uv_disparity.u_disparity(disparity.values, bin_px, bins)
     obstacles, free = free_map.separate(disparity, u_counts, bin_px, camera, config.free_map)
-    attempt.values.update(u_counts=u_counts, obstacles=obstacles, free=free)
+    attempt.u_counts, attempt.obstacles, attempt.free = u_counts, obstacles, free
     attempt.lap("free_map")
 
     found = _paper_on_lane(attempt, disparity, free, camera, config)
@@ -227,12 +237,12 @@ def finish_road(
     fit, support, far_m = found
     extrinsics, covariance, inliers = fit.extrinsics, fit.covariance, fit.profile.inliers
     road, free_fraction = lane.road_mask(disparity, free, camera, extrinsics, config.lane)
-    attempt.values.update(road=road, free_fraction=free_fraction)
+    attempt.road, attempt.free_fraction = road, free_fraction
 
     if config.method == "direct":
         reach_m = min(config.direct.far_m, far_m)
         direct = fit_direct(left, right, camera, extrinsics, road, disparity.step_px, reach_m, config.direct)
-        attempt.values["direct"] = direct
+        attempt.direct = direct
         attempt.lap("direct")
         if direct is None:
             return attempt.failed(FailureReason.FLAT_TEXTURE, "too few patches of the lane have texture")

@@ -13,7 +13,6 @@ plane the least-squares plane of the surface rather than of the image.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -32,10 +31,9 @@ from stereocalib_core.road.surface import (
     unmodelled_covariance,
     unseen_share,
 )
+from stereocalib_core.threads import shared_pool
 
 Float = NDArray[np.float64]
-
-_SECOND_CORE = ThreadPoolExecutor(1, thread_name_prefix="align")
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ def _align_on_two(
         )  # fmt: skip
 
     middle = len(us) // 2
-    other = _SECOND_CORE.submit(part, slice(middle, None))
+    other = shared_pool("align", 1).submit(part, slice(middle, None))
     part(slice(0, middle))
     other.result()
 
