@@ -109,13 +109,13 @@ class YawConfig:
 class ShiftAlarmConfig:
     """Steps and drifts of the mount."""
 
-    least_angle_deg: float = 0.15
-    least_height_m: float = 0.015
+    least_angle_deg: float = 0.18
+    least_height_m: float = 0.018
     threshold: float = 5.5
     """A step must be so many times its standard deviation."""
     noise_angle_deg: float = 0.015
     """Least 1 sigma of what one frame brings that the frames before it did not show."""
     noise_height_m: float = 0.0015
     noise_yaw_deg: float = 0.03
-    drift_factor: float = 1.5
+    drift_factor: float = 1.25
     """A drift must be so many times the least size."""

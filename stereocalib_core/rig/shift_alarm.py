@@ -87,8 +87,10 @@ def find_shifts(
     if motion is not None and len(results):
         wheels = remove_explained(over_wheels(values, motion), motion)
         values = remove_explained(values, motion)
-        # A standing car sees one scene, errors and all, again and again: no drift to judge by.
-        slow = np.where((np.abs(motion.speed) < _STANDING_M_S)[:, None], np.nan, values)
+        # A standing car sees one scene, errors and all, again and again: no drift to judge by. And roads bank
+        # more often than they rise.
+        slow = np.column_stack([values[:, :2], wheels[:, 2]])
+        slow[np.abs(motion.speed) < _STANDING_M_S] = np.nan
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m

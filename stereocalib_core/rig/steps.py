@@ -144,7 +144,7 @@ def find_step(
     if known.sum() < 2 * reach:
         return None
     # A short drive has not shown how far its values may stray.
-    threshold *= 1.0 + 5.0 / float(known.sum())
+    threshold *= 1.0 + (30.0 / float(known.sum())) ** 2
     white = _whiten(series, calm, noise)
     first = int(np.argmax(known))
     usable = known & (at >= first + _SKIPPED) & (at <= len(series) - reach) & _seen_around(known, reach)
@@ -169,6 +169,8 @@ def find_step(
             estimates = [(a[k], d[k]) for a, d in (_likelihood(white, _SHORTEST), *found)]
             sharp = [e for e in estimates if e[1] < _SHARP[witness is not None] * abs(size[k])]
             best, deviation = (sharp or estimates[-1:])[0]
+            if abs(best) < least:
+                continue
             return Step(k, certain, float(best), float(deviation), float(score[k]) / scatter)
     return None
 

@@ -21,7 +21,7 @@ _JOINED, _LEAD, _SETTLE, _LONGEST = 6, 3, 5, 30
 """Wild frames so near make one stretch; margins before and behind it, where springs settle; no longer than this."""
 _LEVELS = (30, 45)
 """Frames on either side that make a level; a step is told by the first or, surer, by the second."""
-_LEAST_SCORE, _LEAST_SIZE = 4.5, 1.6
+_LEAST_SCORE, _LEAST_SIZE = 4.5, 1.35
 """In deviations of calm stretches, and in least sizes."""
 _LEAST_NOISE = 3.0
 """Levels differ by at least so many times the least deviation of one value: a short drive may look calmer."""

@@ -91,6 +91,16 @@ def test_a_knock_where_the_road_banks_is_found_and_nothing_else(axis: int, seed:
     assert found[0].size == pytest.approx(SIZES[axis], rel=0.2)
 
 
+def test_a_roll_that_creeps_is_told_from_roads_that_bank() -> None:
+    drive, size = ride(700, 1, straight=True), float(np.deg2rad(0.4))
+    body = drive.truth.copy()
+    body[:, 2] += size * np.clip((np.arange(700) - 150) / 400, 0.0, 1.0)
+    ahead, poses = banked(body)
+    found = alarm(ahead, drive.motion, poses, 1)
+    assert [(s.axis, s.kind) for s in found] == [("roll", "drift")]
+    assert found[0].size == pytest.approx(size, rel=0.3)
+
+
 def test_a_slip_of_the_odometry_is_no_knock() -> None:
     drive = ride(400, straight=True)
     ahead, poses = banked(drive.truth)
