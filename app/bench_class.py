@@ -41,7 +41,8 @@ def student(watcher: Watcher, seed: int, total: int, stop: threading.Event, tall
     shared, led = watcher.controls["Frame"]["uuid"], set(watcher.elements)
     watcher.set("Explore on my own", True)
     watcher.until(lambda _window: watcher.controls["Frame"]["uuid"] != shared)
-    watcher.listen(1.0)
+    # The frame that a page of one's own begins with was not asked for: let it come.
+    watcher.listen(4.0)
     rng = np.random.default_rng(seed)
     slider, frame = watcher.controls["Frame"]["uuid"], 0
 
