@@ -8,7 +8,7 @@ from typing import Any
 from app import palette, text
 from app.path_state import PathState
 from app.session import Snapshot
-from app.tables import note, numbers_table
+from app.tables import color_key, note, numbers_table
 
 AXES = (("height", "height_m", " m"), ("pitch", "pitch_deg", "°"), ("roll", "roll_deg", "°"))
 YAW = ("yaw", "yaw_deg", "°")
@@ -70,6 +70,22 @@ def path_table(paths: PathState) -> str:
     colors = {name: palette.VARIANT[key] for key, name in palette.VARIANT_NAME.items()}
     return numbers_table(
         "Where each path ends [m, %, °]", ("", "length", "error", "%", "heading"), rows, colors
+    )
+
+
+def path_legend(paths: PathState, shown: Mapping[str, bool]) -> str:
+    """Which line of the 3-D view is which, as HTML: the paths there are and that are not hidden."""
+    present = [
+        name for name in palette.VARIANT_NAME if len(paths.poses.get(name, ())) and shown.get(name, True)
+    ]
+    if not present:
+        return ""
+    return color_key(
+        "Paths in 3-D",
+        [
+            ("┅" if name == "ground_truth" else "━", palette.VARIANT[name], palette.VARIANT_NAME[name])
+            for name in present
+        ],
     )
 
 

@@ -46,3 +46,16 @@ TITLE = "margin:0.5em 0.6em 0.1em;font-weight:700;font-size:0.85em"
 def note(line: str) -> str:
     """A line of small print."""
     return f'<div style="margin:0 0.7em 0.5em;font-size:0.82em;opacity:0.75;line-height:1.4">{html.escape(line)}</div>'
+
+
+_KEY = "display:flex;flex-wrap:wrap;column-gap:1em;margin:0 0.7em 0.5em;font-size:0.82em;line-height:1.4"
+
+
+def color_key(title: str, entries: Iterable[tuple[str, palette.Rgb, str]]) -> str:
+    """What colours mean: a mark in its colour before each name, as many a line as fit."""
+    marks = "".join(
+        f'<span style="white-space:nowrap"><span style="color:{palette.css(color)}">{mark}</span> '
+        f"{html.escape(name)}</span>"
+        for mark, color, name in entries
+    )
+    return f'<div style="{TITLE}">{html.escape(title)}</div><div style="{_KEY}">{marks}</div>'

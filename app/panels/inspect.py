@@ -8,7 +8,7 @@ from app.card import card_html, card_text
 from app.copy_button import copy_button
 from app.moment import Moment
 from app.panels.timeline import now_table
-from app.summary import drive_summary
+from app.summary import drive_summary, path_legend
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -23,6 +23,7 @@ class InspectPanel:
         self._copy = gui.add_html("")
         self._now = gui.add_html("")
         self._drive = gui.add_html("")
+        self._legend = gui.add_html("")
 
     def update(self, moment: Moment) -> None:
         """Show the card, the frame's numbers and the drive's."""
@@ -32,4 +33,6 @@ class InspectPanel:
                 "Copy the card", card_text(moment.session.source.name, moment.snapshot)
             )
             self._drive.content = drive_summary(moment.snapshot, moment.paths)
+        if moment.drive_changed or moment.settings_changed:
+            self._legend.content = path_legend(moment.paths, moment.settings.paths)
         self._now.content = now_table(moment)

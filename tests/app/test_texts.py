@@ -9,12 +9,14 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from app import lessons, text
+from app import lessons, palette, text
 from app.copy_button import copy_button
 from app.panels import debug, faults
+from app.path_state import PathState
 from app.plots import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
 from app.remedies import REMEDIES
 from app.session import Snapshot
+from app.summary import path_legend
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import Check, FrameResult, RoadEstimate
@@ -201,3 +203,13 @@ def test_frames_before_a_fault_are_as_without_it(kind: str) -> None:
     np.testing.assert_array_equal(a.left, b.left)
     np.testing.assert_array_equal(a.right, b.right)
     assert faults.same_before(["ramp@3", "night@4"]) == 0
+
+
+def test_the_paths_of_the_3d_view_are_told_by_their_colours() -> None:
+    poses = {name: np.eye(4)[None] for name in ("ground_truth", "autocalibrated", "no_roll")}
+    legend = path_legend(PathState(poses), {"no_roll": False})
+    assert legend.count("━") == 1 and legend.count("┅") == 1
+    assert legend.index("ground truth") < legend.index("autocalibrated")
+    assert palette.css(palette.VARIANT["autocalibrated"]) in legend
+    assert "no roll" not in legend and "live" not in legend
+    assert path_legend(PathState(), {}) == ""
