@@ -5,15 +5,31 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Error as PlaywrightError
 
 from app import server as app_server
 from app.chromium import FLAGS
 from app.hub import Hub
 from app.secure import stop_server
+
+_CONTEXTS: list[Any] = []
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    """A test that fails says what its pages showed: where it runs unwatched nobody sees them."""
+    outcome = yield
+    report = outcome.get_result()
+    if report.failed and item.get_closest_marker("browser"):
+        for page in (page for context in _CONTEXTS for page in context.pages if page.url.startswith("http")):
+            with suppress(PlaywrightError):
+                shown = page.locator("body").aria_snapshot(timeout=10_000)
+                report.sections.append((f"page {page.url}", shown))
 
 
 def until(condition: Callable[[], Any], timeout_s: float = 60.0, what: str = "condition") -> Any:
@@ -34,13 +50,34 @@ def shown_frame(page: Any) -> int:
     return int(found.group(1)) if found else -1
 
 
+def click(target: Any) -> None:
+    """Click what has come to rest: the tab row of a floating panel moves by as much as another tab is higher.
+
+    Software rendering makes frames slow: asking twice where it is takes less than the browser's own two frames.
+    """
+    seen: list[Any] = [None]
+
+    def rests() -> bool:
+        seen.append(target.bounding_box())
+        return seen[-1] is not None and seen[-1] == seen[-2]
+
+    until(rests, what=f"{target} at rest")
+    target.click(force=True)
+
+
 def tab(page: Any, name: str) -> None:
-    # Software rendering makes frames slow: not waiting for two equal ones saves seconds a click.
-    page.get_by_role("tab", name=name, exact=True).click(force=True)
+    """Choose a tab, and see that it is chosen."""
+    wanted = page.get_by_role("tab", name=name, exact=True)
+
+    def chosen() -> bool:
+        click(wanted)
+        return bool(wanted.get_attribute("aria-selected") == "true")
+
+    until(chosen, what=f"tab {name} chosen")
 
 
 def press(page: Any, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click(force=True)
+    click(page.get_by_role("button", name=name, exact=True))
 
 
 def own_box(page: Any, label: str) -> Any:
@@ -114,7 +151,9 @@ def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
             accept_downloads=True,
         )
         context.set_default_timeout(60_000)
+        _CONTEXTS.append(context)
         yield context
+        _CONTEXTS.remove(context)
         context.close()
 
 
