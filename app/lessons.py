@@ -162,5 +162,5 @@ def equation_html(latex: Sequence[str]) -> str:
     lines = "".join(f'<div style="margin:0.35em 0">{convert(line, display="block")}</div>' for line in latex)
     style = f"font-family:{MATH_FONTS};padding:0.2em 0.4em 0.5em;overflow-x:auto"
     # a longer line is set smaller, so that none has to be scrolled
-    size = 1.1 if max(map(len, latex)) < LONG_LINE else 0.92
+    size = 1.25 if max(map(len, latex)) < LONG_LINE else 0.92
     return f'<div class="equations" style="{style};font-size:{size}em">{lines}</div>'

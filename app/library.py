@@ -3,10 +3,12 @@ drive, earlier runs, and small uploads."""
 
 from __future__ import annotations
 
+import lzma
 import shutil
 import stat
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path, PurePosixPath
@@ -26,6 +28,8 @@ from stereocalib_core.sources import SourceKind, open_source, source_kind
 UPLOAD_BYTES = 200_000_000
 UNPACKED_BYTES = 1_000_000_000
 UNPACKED_FILES = 8_000
+DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError)
+"""What reading a damaged, encrypted or unusual zip raises."""
 DRIVE_FOLDERS = (SourceKind.KITTI_ODOMETRY, SourceKind.KITTI_RAW, SourceKind.FOLDER)
 
 
@@ -156,8 +160,8 @@ def unpack(name: str, content: bytes, folder: Path) -> None:
                 if len(data) > entry.file_size:
                     raise SourceError("zip lies about its size", name, "pack it again")
                 target.write_bytes(data)
-    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
-        raise SourceError("zip cannot be read", name, str(error)) from error
+    except DAMAGED as error:
+        raise SourceError("zip cannot be read", name, str(error) or "it ends too early") from error
 
 
 def drive_folder(folder: Path, name: str) -> Path:

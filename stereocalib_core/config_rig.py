@@ -70,7 +70,7 @@ class FilterConfig:
     rest_angle_deg: float = 0.15
     memory_s: float = 2.0
     """Over which the sizes of body motion and measurement noise are learnt."""
-    persistent_share: Share = 0.7
+    persistent_share: Share = 0.6
     """Of a frame's variance, what it shares with its neighbours: it does not average out."""
     look_ahead: bool = True
     """Use later frames as well, within each unbroken stretch; off = causal."""

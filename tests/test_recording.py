@@ -197,9 +197,8 @@ def test_a_viewer_that_listens_is_sent_the_whole_run(
         os.killpg(viewer.pid, signal.SIGINT)
         try:
             viewer.wait(30)
-        except (
-            subprocess.TimeoutExpired
-        ):  # it may miss the signal; what it was sent is in its file all the same
+        except subprocess.TimeoutExpired:
+            # It may miss the signal; what it was sent is in its file all the same.
             os.killpg(viewer.pid, signal.SIGKILL)
             viewer.wait()
     assert not (tmp_path / "out" / "recording.rrd").exists()

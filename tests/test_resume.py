@@ -264,7 +264,7 @@ def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kit
     started = time.perf_counter()
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
-    assert time.perf_counter() - started < (1.0 if _machine_is_idle() else 10.0)
+    assert time.perf_counter() - started < (1.0 if _machine_is_idle() else 3.0)
     assert process.returncode == 130
     assert errors.startswith("stereocalib: stopped: after ")
     assert errors.count("\n") == 1

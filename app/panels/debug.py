@@ -15,6 +15,7 @@ from app.remedies import REMEDIES
 from app.session import Snapshot
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.results import Check
+from stereocalib_core.rig.shift_alarm import UNSEEN
 
 if TYPE_CHECKING:
     from app.page import Page
@@ -142,7 +143,7 @@ class DebugPanel:
             "Failures", ("none",), hint="All failed frames with their reason. Choose one to go there."
         )
         self._shifts = gui.add_dropdown(
-            "Shifts", ("none",), hint="Where the mount moved. Choose one to go there."
+            "Shifts", ("none",), hint=f"Where the mount moved. Choose one to go there. {UNSEEN}"
         )
         self._jump = gui.add_button_group("", ("◀ failure", "failure ▶"))
         self._checks = gui.add_html("")

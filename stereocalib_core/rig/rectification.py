@@ -205,16 +205,6 @@ def examine(
     return Examination(sample, None, tuple(checks))
 
 
-def sample(
-    camera: StereoCamera,
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    config: RectificationConfig | None = None,
-) -> RectificationSample | None:
-    """Only the measurement of `examine`."""
-    return examine(camera, left, right, config).sample
-
-
 def _robust_mean(values: Floats, sigma: Floats) -> tuple[Floats, Floats]:
     """Column means and their standard deviations of (N, K) values with (N, K) sigma, outliers bounded."""
     centre = np.median(values, axis=0)

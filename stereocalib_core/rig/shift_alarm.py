@@ -8,8 +8,7 @@ last; and the road ahead must show it too, so that a slip of the odometry is no 
 is told by the levels around it (`turmoil`). For the yaw it is the jump
 of the camera's own heading (`yaw_steps`). Drift is looked for last, as one ramp over a long drive.
 
-A road shows height, pitch and roll, and with straight travel the yaw. A shift of the camera along x or z
-changes none of them and cannot be seen.
+A road shows height, pitch and roll, and with straight travel the yaw. What it cannot show is in `UNSEEN`.
 """
 
 from __future__ import annotations
@@ -32,7 +31,8 @@ from stereocalib_core.rig.yaw_steps import find_yaw_steps
 Array = NDArray[np.float64]
 Axis = Literal["height", "pitch", "roll", "yaw"]
 
-NOT_SHOWN = "a shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen"
+UNSEEN = "A shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen."
+"""What a user is told beside the shifts that were found."""
 
 _HORIZONS = (15, 30, 60)
 """Frames after a shift by which it may be certain."""

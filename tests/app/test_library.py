@@ -18,9 +18,9 @@ from stereocalib_core.frames import GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
 
 
-def zipped(entries: dict[str, bytes], link: str | None = None) -> bytes:
+def zipped(entries: dict[str, bytes], link: str | None = None, method: int = zipfile.ZIP_STORED) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive:
         for name, content in entries.items():
             archive.writestr(name, content)
         if link is not None:
@@ -80,6 +80,26 @@ def test_links_bombs_and_rubbish_are_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(library, "UPLOAD_BYTES", 10)
     with pytest.raises(SourceError, match="too large"):
         unpack("x.zip", zipped({"a": b"x"}), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]
+)
+def test_every_damaged_zip_is_one_kind_line(tmp_path: Path, method: int) -> None:
+    noise = np.random.default_rng(method)
+    intact = zipped({"left/0.png": noise.bytes(200) * 4, "camera.yaml": b"a: 1\n" * 20}, method=method)
+    refused = 0
+    for trial in range(400):
+        damaged = bytearray(intact)
+        for place in noise.integers(len(damaged), size=1 + trial % 4):
+            damaged[place] ^= int(noise.integers(1, 256))
+        cut = int(noise.integers(len(damaged))) if trial % 8 == 0 else len(damaged)
+        try:
+            unpack("mine.zip", bytes(damaged[:cut]), tmp_path / str(trial))
+        except SourceError as error:
+            refused += 1
+            assert error.remedy
+    assert refused > 300
 
 
 def test_a_zip_without_a_drive_says_so(tmp_path: Path) -> None:

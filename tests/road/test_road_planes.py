@@ -64,12 +64,19 @@ def test_direct_is_a_hundredth_of_a_degree(clean: dict[str, np.ndarray]) -> None
 
 
 @pytest.mark.parametrize("method", ["paper", "direct"])
-def test_sigma_on_a_plane_has_room_for_real_roads_and_no_more(
-    clean: dict[str, np.ndarray], method: str
-) -> None:
-    ratio = np.abs(clean[method]) / clean[method + "_sigma"]
-    assert np.mean(ratio < 1.0) >= 0.55 and np.mean(ratio < 2.0) >= 0.9
-    assert np.sqrt(np.mean(ratio**2)) > (0.1 if method == "paper" else 0.4)
+def test_sigma_means_something(clean: dict[str, np.ndarray], method: str) -> None:
+    sigma = clean[method + "_sigma"]
+    if method == "paper":
+        # what real roads add is a constant of the settings (the town judges it below): a plane has none of it
+        c = PipelineConfig().profile
+        of_roads = c.systematic_height_m, c.systematic_pitch_deg, c.systematic_roll_deg
+        sigma = np.sqrt(sigma**2 - np.square(of_roads))
+    ratio = np.abs(clean[method]) / sigma
+    within = np.mean(ratio < 1.0)
+    # sigma of `direct` allows for how roads bend: on a perfect plane that is room to spare
+    assert 0.55 <= within <= (0.85 if method == "paper" else 0.97), f"{within:.0%} within one sigma"
+    assert np.sqrt(np.mean(ratio**2)) > 0.4
+    assert np.mean(ratio < 2.0) >= 0.9
 
 
 @pytest.fixture(scope="module")
