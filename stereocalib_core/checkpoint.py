@@ -32,7 +32,7 @@ from stereocalib_core.results import (
     Tracks,
 )
 
-MAGIC = b"stereocalib checkpoint 2\n"
+MAGIC = b"stereocalib checkpoint 3\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 
@@ -181,6 +181,7 @@ def _pack(done: Done) -> bytes:
             road.inliers,
             road.free_fraction,
             list(road.range_m),
+            list(road.bend),
         ],
         "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
         "free_fraction": r.free_fraction,
@@ -223,8 +224,13 @@ def _unpack(payload: bytes) -> Done:
         None
         if road is None
         else RoadEstimate(
-            Extrinsics(**road[0]), arrays.get(road[1]), road[2], road[3], (road[4][0], road[4][1])
-        ),
+            Extrinsics(**road[0]),
+            arrays.get(road[1]),
+            road[2],
+            road[3],
+            (road[4][0], road[4][1]),
+            (road[5][0], road[5][1]),
+        ),  # fmt: skip
         None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
         values["free_fraction"],
         values["inliers"],

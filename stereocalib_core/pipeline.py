@@ -16,8 +16,9 @@ from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.lidar_camera.lidar_road import scan_residual
 from stereocalib_core.odometry.tracks import PairView, TrackerState, advance
-from stereocalib_core.results import FrameResult, Tracks
+from stereocalib_core.results import Check, FrameResult, RoadEstimate, Tracks
 from stereocalib_core.rig.rectification import Examination, examine
+from stereocalib_core.road.ahead import bend_ahead
 from stereocalib_core.road.estimate import RoadResult, begin_road, estimate_road, finish_road
 from stereocalib_core.road.stages import RoadStages
 from stereocalib_core.road.uv_disparity import v_disparity
@@ -27,6 +28,8 @@ Grey = NDArray[np.uint8]
 
 NOMINAL = Extrinsics(1.65, 0.0, 0.0)
 """Where tracks start from until a first pair shows the road."""
+LEAST_TRAVEL_M = 0.1
+"""Between two pairs: less shows no curvature."""
 
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
@@ -39,6 +42,13 @@ class FrontEndMemory:
 
     tracked: int | None
     motion: NDArray[np.float64] | None
+
+
+def curvature_of(motion: NDArray[np.float64] | None) -> float:
+    """[1/m] of the car's way, positive to the right; motion: (6,) of T_current_previous. 0 where it hardly moves."""
+    if motion is None or -motion[5] < LEAST_TRAVEL_M:
+        return 0.0
+    return float(motion[1] / motion[5])
 
 
 def look_at_pair(
@@ -99,12 +109,26 @@ class FrontEnd:
         began = time.perf_counter()
         tracks = self._track(frame.index, left, right, road)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
-        inliers = None if road.estimate is None else road.estimate.inliers
+        began = time.perf_counter()
+        estimate, ahead = self._bent(road)
+        timing["bend"] = 1e3 * (time.perf_counter() - began)
+        inliers = None if estimate is None else estimate.inliers
         result = FrameResult(
-            frame.index, frame.timestamp_s, road.estimate, road.failure, road.free_fraction, inliers, sample,
-            tracks, checks + road.checks, MappingProxyType(timing),
+            frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
+            tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
         return self._with_lidar(frame, result), road
+
+    def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
+        """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
+        estimate = road.estimate
+        if estimate is None or road.disparity is None or road.free is None:
+            return estimate, ()
+        way = curvature_of(self._tracker.motion)
+        bend = bend_ahead(road.disparity, road.free, self.camera, estimate.extrinsics, self.config.lane, way)
+        estimate = dataclasses.replace(estimate, bend=bend)
+        estimate = dataclasses.replace(estimate, covariance=estimate.covariance + estimate.bend_covariance)
+        return estimate, (Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),)
 
     def _with_lidar(self, frame: StereoFrame, result: FrameResult) -> FrameResult:
         """The same with what the frame's scan says of the road, where there is a scan and a road."""

@@ -44,10 +44,11 @@ class RoadEstimate:
     """The road as one stereo pair shows it.
 
     extrinsics: height, pitch, roll (yaw is 0: one pair cannot show it).
-    covariance: (3, 3) of height [m], pitch [rad], roll [rad].
+    covariance: (3, 3) of height [m], pitch [rad], roll [rad], `bend` included.
     inliers: pixels (or v-disparity cells) that agree with the plane.
     free_fraction: free pixels / pixels below the horizon, 0...1.
     range_m: nearest and farthest road distance used.
+    bend: height [m] and pitch [rad] by which the lane as a whole differs, where the road bends up or down ahead.
     """
 
     extrinsics: Extrinsics
@@ -55,6 +56,13 @@ class RoadEstimate:
     inliers: int
     free_fraction: float
     range_m: tuple[float, float]
+    bend: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def bend_covariance(self) -> NDArray[np.float64]:
+        """(3, 3) what `bend` adds to the covariance: no other look at the same road averages it out."""
+        difference = np.array([*self.bend, 0.0])
+        return np.outer(difference, difference)
 
     @property
     def sigma(self) -> NDArray[np.float64]:

@@ -52,6 +52,7 @@ def filter_drive(
             ):
                 values[i] = x[:3] + x[3:6]
                 covariance[i] = measured_covariance(P) + persistent[i]
+    covariance += _bends(results)
     return FilteredExtrinsics(values, covariance, tuple(s.state for s in steps))
 
 
@@ -63,10 +64,23 @@ def _measured(
     for i, result in enumerate(results):
         if result.road is not None:
             e = result.road.extrinsics
-            values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
+            values[i] = e.height_m, e.pitch_rad, e.roll_rad
+            covariance[i] = result.road.covariance - result.road.bend_covariance
     if dense is None:
         return values, covariance
     return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)
+
+
+def _bends(results: Sequence[FrameResult]) -> Floats:
+    """(N, 3, 3) what the road's bend ahead adds to each frame, through a gap that of the frame before it.
+
+    The filter follows the nearer road as each pair does; that the lane as a whole lies otherwise is no noise.
+    """
+    added, last = np.zeros((len(results), 3, 3)), np.zeros((3, 3))
+    for i, result in enumerate(results):
+        last = last if result.road is None else result.road.bend_covariance
+        added[i] = last
+    return added
 
 
 def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:

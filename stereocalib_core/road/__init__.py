@@ -9,12 +9,14 @@ def warm_up() -> None:
 
     from stereocalib_core.config import PipelineConfig
     from stereocalib_core.geometry import Extrinsics, StereoCamera
+    from stereocalib_core.road.ahead import bend_ahead
     from stereocalib_core.road.estimate import estimate_road
     from stereocalib_core.road.uv_disparity import v_disparity
 
     camera = StereoCamera(400, 160, 250.0, 199.5, 60.0, 0.5)
     u, v = np.meshgrid(np.arange(400.0), np.arange(160.0))
-    disparity = np.clip(Extrinsics(1.6, 0.0, 0.0).disparity_plane(camera).disparity(camera, u, v), 0.0, None)
+    road = Extrinsics(1.6, 0.0, 0.0)
+    disparity = np.clip(road.disparity_plane(camera).disparity(camera, u, v), 0.0, None)
     texture = np.random.default_rng(0).integers(40, 200, (160, 520)).astype(np.float64)
     left = np.empty((160, 400), np.uint8)
     for i in range(160):
@@ -22,3 +24,4 @@ def warm_up() -> None:
     result = estimate_road(left, texture[:, 60:460].astype(np.uint8), camera, PipelineConfig())
     if result.disparity is not None and result.free is not None:
         v_disparity(result.disparity.values, result.free, 1.0, 128)
+        bend_ahead(result.disparity, result.free, camera, road, PipelineConfig().lane)

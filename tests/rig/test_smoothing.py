@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from body_on_springs import DIRECT, PAPER, as_results, measure, ride
@@ -62,6 +64,23 @@ def test_a_gap_is_predicted_with_growing_sigma() -> None:
     # what comes after the gap does not reach back into it
     cut = filter_drive(as_results(z, covariance, drive.time_s, range(200, len(z))))
     np.testing.assert_array_equal(cut.values[200:230], filtered.values[200:230])
+
+
+def test_a_bend_ahead_widens_sigma_and_moves_nothing() -> None:
+    drive = ride()
+    z, covariance = measure(drive.truth, DIRECT)
+    plain = as_results(z, covariance, drive.time_s, range(210, 215))
+    bent = list(plain)
+    for i in range(200, 210):
+        assert plain[i].road is not None
+        road = replace(plain[i].road, bend=(0.1, 0.02))
+        bent[i] = replace(plain[i], road=replace(road, covariance=covariance + road.bend_covariance))
+    before, after = filter_drive(plain), filter_drive(bent)
+    np.testing.assert_allclose(after.values, before.values, atol=1e-12)
+    added = np.sqrt(np.maximum(after.sigma**2 - before.sigma**2, 0.0))
+    np.testing.assert_allclose(added[200:215], np.tile([0.1, 0.02, 0.0], (15, 1)), atol=1e-6)
+    np.testing.assert_allclose(added[:200], 0.0, atol=1e-6)
+    np.testing.assert_allclose(added[215:], 0.0, atol=1e-6)
 
 
 def test_before_the_first_measurement_there_is_nothing() -> None:
