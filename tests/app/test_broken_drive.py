@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import click, start_page, stop_page, until
+from conftest import start_page, stop_page, until
 
 from app import exports
 from app.earlier_run import open_run
@@ -90,8 +90,8 @@ def test_from_the_page_to_a_finding(hub: Hub, open_page: Any) -> None:
     """As a new user would: open the page, Debug, next failure, read the reason."""
     hub.shared.playback.seek(0)
     page = open_page(hub)
-    click(page.get_by_role("button", name="Debug", exact=True))
-    click(page.get_by_role("button", name="failure ▶").first)
+    page.get_by_role("button", name="Debug", exact=True).click()
+    page.get_by_role("button", name="failure ▶").first.click()
     until(lambda: page.get_by_text("the picture is nearly black").count(), 30.0, "cause on the page")
     assert page.get_by_text("Frame 3 failed: DARK").first.is_visible()
     assert page.foreign == []

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import click, tab, until
+from conftest import tab, until
 from websockets.exceptions import InvalidStatus
 
 from app import lidar_view
@@ -108,7 +108,7 @@ def test_ticking_a_pair_out_solves_at_once(page: Any, view: LidarView) -> None:
     copied = page.get_by_role("button", name="Copy the command").get_attribute("data-text")
     assert copied.endswith("--exclude pair01")
     tab(page, "Pairs")
-    click(page.get_by_role("button", name="Use all pairs"))
+    page.get_by_role("button", name="Use all pairs").click()
     until(lambda: view.session.snapshot.solved_for == set(), what="all again")
     np.testing.assert_array_equal(view.session.snapshot.result.T_camera_lidar, before.T_camera_lidar)  # type: ignore[union-attr]
 
@@ -150,7 +150,7 @@ def test_a_nudge_moves_cloud_and_residuals_and_comes_back(page: Any, view: Lidar
     until(
         lambda: np.allclose(view.page.scene._lidar.position, trial.T_camera_lidar[:3, 3]), what="moved in 3-D"
     )
-    click(page.get_by_role("button", name="Back to the solution"))
+    page.get_by_role("button", name="Back to the solution").click()
     until(lambda: view.session.snapshot.trial is None, what="back")
     until(lambda: entry.input_value() in {"0", "0.000"}, what="slider back")
 
@@ -158,13 +158,13 @@ def test_a_nudge_moves_cloud_and_residuals_and_comes_back(page: Any, view: Lidar
 @pytest.mark.browser
 def test_the_slider_shows_another_pair(page: Any, view: LidarView) -> None:
     picture = view.page._after._data
-    click(page.get_by_role("button", name="next ▶"))
+    page.get_by_role("button", name="next ▶").click()
     until(lambda: page.get_by_text(re.compile("Pair 2 of 6")).is_visible(), what="second pair")
     until(lambda: view.page._after._data != picture, what="its picture")
     picture = view.page._after._data
     page.get_by_label("Close-up").dispatch_event("click")
     until(lambda: view.page._after._data not in (None, picture), what="close-up")
-    click(page.get_by_role("button", name="tick in or out"))
+    page.get_by_role("button", name="tick in or out").click()
     until(lambda: view.session.snapshot.solved_for == {"pair01"}, what="ticked out")
     view.session.change(pair=2)
     until(lambda: page.get_by_text(re.compile("Pair 3 of 6")).is_visible(), what="a refused pair")
@@ -179,7 +179,7 @@ def test_exports(page: Any, view: LidarView, tmp_path: Path) -> None:
         ("ROS 2 static transform, sh", "static_transform.sh"),
     ):
         with page.expect_download(timeout=30_000) as download:
-            click(page.get_by_role("button", name=label))
+            page.get_by_role("button", name=label).click()
         assert download.value.suggested_filename == name
         download.value.save_as(tmp_path / name)
     result = view.session.snapshot.result
@@ -195,7 +195,7 @@ def test_an_overlay_that_cannot_be_is_told_kindly(page: Any, view: LidarView) ->
     tab(page, "Export")
     view.session.change(pair=2)
     until(lambda: view.session.snapshot.wish.pair == 2, what="refused pair")
-    click(page.get_by_role("button", name="Overlay of this pair, PNG"))
+    page.get_by_role("button", name="Overlay of this pair, PNG").click()
     until(lambda: page.get_by_text("no overlay of this pair").count(), what="told")
 
 

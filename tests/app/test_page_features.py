@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import click, own_box, press, shown_frame, slider_entry, tab, until, warm_page
+from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm_page
 
 from app.arguments import build_parser
 from app.frame_views import MOVING_PX
@@ -46,7 +46,7 @@ def test_inspect_answers_first_and_the_card_can_be_copied(page: Any) -> None:
     button = page.get_by_role("button", name="Copy the card")
     copied = button.get_attribute("data-text")
     assert "06: how this camera is mounted" in copied
-    click(button)
+    button.click()
     until(lambda: page.get_by_role("button", name="Copied").count(), what="copied")
 
 
@@ -60,10 +60,10 @@ def test_teach_walks_and_breaks_and_mends(page: Any, fresh: Hub) -> None:
         press(page, "next ▶")
         until(lambda step=step: fresh.shared.settings.teach_step == step, what="next step")
     until(lambda: page.get_by_text("Step 5 of 9: Pitch and height").is_visible(), what="fifth step")
-    click(page.get_by_role("button", name="Break it: add 1° of pitch"))
+    page.get_by_role("button", name="Break it: add 1° of pitch").click()
     until(lambda: fresh.shared.settings.corrections.pitch_error_deg == 1.0, what="broken")
     until(lambda: page.get_by_text("the live horizon and road").is_visible(), what="effect told")
-    click(page.get_by_role("button", name="Mend it"))
+    page.get_by_role("button", name="Mend it").click()
     until(lambda: not fresh.shared.settings.corrections.touched, what="mended")
 
 
@@ -112,10 +112,10 @@ def test_corrections_redraw_the_live_path(page: Any, fresh: Hub) -> None:
 
 def test_paths_can_be_hidden(page: Any, fresh: Hub) -> None:
     tab(page, "Paths")
-    click(page.get_by_label("no roll", exact=True))
+    page.get_by_label("no roll", exact=True).click()
     until(lambda: fresh.shared.settings.paths.get("no_roll") is False, what="hidden")
     until(lambda: fresh.shared.scene.scene._paths["no_roll"].visible is False, what="hidden in the scene")
-    click(page.get_by_label("Colour by error"))
+    page.get_by_label("Colour by error").click()
     until(lambda: fresh.shared.settings.color_by_error, what="coloured")
     until(
         lambda: fresh.shared.scene.scene._paths["autocalibrated"].colors.ndim == 3,
@@ -126,7 +126,7 @@ def test_paths_can_be_hidden(page: Any, fresh: Hub) -> None:
 
 def test_one_stage_large(page: Any, fresh: Hub) -> None:
     page.get_by_role("combobox").first.click()
-    click(page.get_by_role("option", name="v-disparity"))
+    page.get_by_role("option", name="v-disparity").click()
     until(lambda: fresh.shared.settings.layout == "v-disparity", what="layout")
     until(lambda: page.get_by_text("A flat road is a straight line").is_visible(), what="explanation")
 
@@ -267,7 +267,7 @@ def test_open_tells_kindly_what_is_wrong(page: Any) -> None:
 def test_markers_lead_to_their_frame(page: Any, fresh: Hub) -> None:
     scene = fresh.shared.scene
     tab(page, "Paths")
-    click(page.get_by_label("Pose markers"))
+    page.get_by_label("Pose markers").click()
     until(lambda: fresh.shared.settings.markers, what="markers wanted")
     until(lambda: scene._marked, what="markers")
     assert scene._marked == tuple(range(20))

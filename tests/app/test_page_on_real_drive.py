@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from conftest import click, press, shown_frame, tab, until
+from conftest import press, shown_frame, tab, until
 
 from app.hub import Hub
 
@@ -23,7 +23,7 @@ def test_frames_advance_and_estimates_change(fresh: Hub, open_page: Any) -> None
     assert until(lambda: shown_frame(page) == 0, what="first frame in the browser")
     first = numbers(page)
     assert re.search(r"1\.[5-7]\d\d ± 0\.0", first), first
-    click(page.get_by_role("button", name="play", exact=True))
+    page.get_by_role("button", name="play", exact=True).click()
     until(lambda: shown_frame(page) >= 5, what="playback")
     assert numbers(page) != first
     until(lambda: not fresh.shared.playback.state.playing, what="end of the drive")
@@ -33,9 +33,9 @@ def test_frames_advance_and_estimates_change(fresh: Hub, open_page: Any) -> None
 
 def test_step_scrub_and_exact_entry(fresh: Hub, open_page: Any) -> None:
     page = open_page(fresh)
-    click(page.get_by_role("button", name="step ▶"))
+    page.get_by_role("button", name="step ▶").click()
     until(lambda: shown_frame(page) == 1, what="step")
-    click(page.get_by_role("button", name="◀ step"))
+    page.get_by_role("button", name="◀ step").click()
     until(lambda: shown_frame(page) == 0, what="step back")
     entry = page.locator(".mantine-NumberInput-input").first
     entry.fill("13")
@@ -68,7 +68,7 @@ def test_speed_and_loop(fresh: Hub, open_page: Any) -> None:
     page, clock = open_page(fresh), fresh.shared.playback
     tab(page, "Playback")
     press(page, "4×")
-    click(page.get_by_label("Loop"))
+    page.get_by_label("Loop").click()
     until(lambda: clock.state.speed == 4.0 and clock.state.loop, what="speed and loop")
     filled = "e => getComputedStyle(e).backgroundColor !== 'rgba(0, 0, 0, 0)'"
     chosen = page.get_by_role("button", name="4×", exact=True)

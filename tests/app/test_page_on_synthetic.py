@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 from conftest import (
-    click,
     press,
     shown_frame,
     slider_entry,
@@ -80,11 +79,11 @@ def test_every_lesson_breaks_and_mends(page: Any, hub: Hub) -> None:
         until(lambda wanted=lesson.latex: page.locator("math").count() == len(wanted), what="equations")
         assert all(line.bounding_box()["height"] > 12 for line in page.locator("math").all()), lesson.title
         assert page.evaluate(FITS, ".equations"), lesson.title
-        click(page.get_by_role("button", name="Break it"))
+        page.get_by_role("button", name="Break it").click()
         until(lambda: page.get_by_text("Broken:").is_visible(), what=f"{lesson.title} broken")
         settings = hub.shared.settings
         assert settings.broken_stage or settings.corrections.touched
-        click(page.get_by_role("button", name="Mend it"))
+        page.get_by_role("button", name="Mend it").click()
         until(
             lambda: not (hub.shared.settings.broken_stage or hub.shared.settings.corrections.touched),
             what=f"{lesson.title} mended",
@@ -97,11 +96,11 @@ def test_debug_leads_to_the_failure_and_says_why(page: Any, hub: Hub) -> None:
     hub.shared.playback.seek(0)
     tab(page, "Guide")
     press(page, "Debug")
-    click(page.get_by_label("Failures"))
+    page.get_by_label("Failures").click()
     entry = page.get_by_role("option", name=f"{DARK[0]} to")
     until(entry.is_visible, what="list of failures")
     assert page.get_by_role("option", name=f"{DARK[1] - DARK[0] + 1} frames: choose where to go").count() == 1
-    click(entry)
+    entry.click()
     until(lambda: shown_frame(page) == DARK[0], what="at the failure")
     until(lambda: page.get_by_text(f"Frame {DARK[0]} failed").count(), what="verdict")
     assert page.get_by_text("Likely cause:").is_visible()
@@ -112,7 +111,7 @@ def test_debug_leads_to_the_failure_and_says_why(page: Any, hub: Hub) -> None:
 def test_playback_stops_at_a_failure_and_failures_go_round(page: Any, hub: Hub) -> None:
     clock = hub.shared.playback
     tab(page, "Playback")
-    click(page.get_by_label("Pause on failure"))
+    page.get_by_label("Pause on failure").click()
     until(lambda: clock.state.pause_on_failure, what="pause wanted")
     tab(page, "Time line")
     clock.seek(DARK[0] - 3)
@@ -120,7 +119,7 @@ def test_playback_stops_at_a_failure_and_failures_go_round(page: Any, hub: Hub) 
     press(page, "play")
     until(lambda: shown_frame(page) == DARK[0] and not clock.state.playing, what="stopped at the failure")
     for wanted in (DARK[0] + 1, DARK[1], DARK[0]):
-        click(page.get_by_role("button", name="failure ▶").last)
+        page.get_by_role("button", name="failure ▶").last.click()
         until(lambda frame=wanted: shown_frame(page) == frame, what=f"failure {wanted}")
     until(lambda: page.get_by_text("Round the end").count(), what="told that it went round")
     page.keyboard.press("Shift+F")
@@ -135,8 +134,8 @@ def test_a_fault_is_switched_on_live_and_off_again(page: Any, hub: Hub) -> None:
     until(lambda: shown_frame(page) == 6, what="frame 6")
     tab(page, "Guide")
     press(page, "Debug")
-    click(page.get_by_label("Fault"))
-    click(page.get_by_role("option", name="drop"))
+    page.get_by_label("Fault").click()
+    page.get_by_role("option", name="drop").click()
     press(page, "Switch on")
     until(lambda: hub.shared.session is not before, what="new drive")
     assert hub.shared.session.wait(60.0)
