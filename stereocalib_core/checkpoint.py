@@ -230,7 +230,7 @@ def _unpack(payload: bytes) -> Done:
             road[3],
             (road[4][0], road[4][1]),
             (road[5][0], road[5][1]),
-        ),  # fmt: skip
+        ),
         None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
         values["free_fraction"],
         values["inliers"],

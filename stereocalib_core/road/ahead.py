@@ -21,6 +21,7 @@ Float = NDArray[np.float64]
 
 _BIN_M = 1.0
 _SHARPEST_PER_M = 1.0 / 120.0
+"""Curvature beyond which the car leaves its straight lane within it, and turns on: no lane is known ahead."""
 _LEVELS, _LEVEL_M = 300, 0.01
 """Heights over the plane are counted in so many steps about zero."""
 _LEAST_CELLS = 6
