@@ -36,7 +36,7 @@ class CardRow:
 def plain_units(line: str) -> str:
     """A line of the report in the page's spelling: ±, °, a real minus, and no sign before a nought."""
     line = re.sub(r"[+-](?=0\.0+(?![\d.]))", "", line.replace("+-", "±"))
-    return line.replace(" deg", "°").replace("-0.", "−0.").replace("right part by", "right differ by")
+    return line.replace(" deg", "°").replace("-0.", "−0.")
 
 
 def shift_words(shift: Mapping[str, Any]) -> str:

@@ -126,9 +126,9 @@ class FrontEnd:
             return estimate, ()
         way = curvature_of(self._tracker.motion)
         bend = bend_ahead(road.disparity, road.free, self.camera, estimate.extrinsics, self.config.lane, way)
-        estimate = dataclasses.replace(estimate, bend=bend)
-        estimate = dataclasses.replace(estimate, covariance=estimate.covariance + estimate.bend_covariance)
-        return estimate, (Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),)
+        return dataclasses.replace(estimate, bend=bend), (
+            Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
+        )
 
     def _with_lidar(self, frame: StereoFrame, result: FrameResult) -> FrameResult:
         """The same with what the frame's scan says of the road, where there is a scan and a road."""

@@ -44,7 +44,7 @@ class RoadEstimate:
     """The road as one stereo pair shows it.
 
     extrinsics: height, pitch, roll (yaw is 0: one pair cannot show it).
-    covariance: (3, 3) of height [m], pitch [rad], roll [rad], `bend` included.
+    covariance: (3, 3) of height [m], pitch [rad], roll [rad] over the road that was used.
     inliers: pixels (or v-disparity cells) that agree with the plane.
     free_fraction: free pixels / pixels below the horizon, 0...1.
     range_m: nearest and farthest road distance used.
@@ -60,14 +60,14 @@ class RoadEstimate:
 
     @property
     def bend_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) what `bend` adds to the covariance: no other look at the same road averages it out."""
+        """(3, 3) what `bend` adds to `covariance`: no other look at the same road averages it out."""
         difference = np.array([*self.bend, 0.0])
         return np.outer(difference, difference)
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of height [m], pitch [rad], roll [rad]."""
-        return np.sqrt(np.diag(self.covariance))
+        """(3,) standard deviations of height [m], pitch [rad], roll [rad], `bend` included."""
+        return np.sqrt(np.diag(self.covariance + self.bend_covariance))
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,8 @@ def scan_residual(
     )
     lidar = _TO_EXTRINSICS @ plane.covariance @ _TO_EXTRINSICS
     floor = np.diag([config.systematic_height_m, *[np.deg2rad(config.systematic_angle_deg)] * 2]) ** 2
-    return RoadResidual(values, lidar + floor + result.road.covariance, plane.points)
+    stereo_road = result.road.covariance + result.road.bend_covariance
+    return RoadResidual(values, lidar + floor + stereo_road, plane.points)
 
 
 def lane_points(

@@ -198,7 +198,7 @@ def examine(
     bad_roll = abs(roll) - 3.0 * sigma[1] > config.bad_roll_deg
     if bad_pitch or bad_roll:
         detail = (
-            f"rows part by {sample.values[0]:+.2f} px, relative pitch {pitch:+.3f} deg (limit "
+            f"rows differ by {sample.values[0]:+.2f} px, relative pitch {pitch:+.3f} deg (limit "
             f"{config.bad_pitch_deg:g}), relative roll {roll:+.3f} deg (limit {config.bad_roll_deg:g})"
         )
         return Examination(sample, Failure(FailureReason.MISALIGNED, detail), tuple(checks))
@@ -269,7 +269,7 @@ def summarise(
         verdict = "bad"
     first, last = int(frames[part][0]), int(frames[part][-1])
     why = (
-        f"rows of left and right part by {mean[0]:+.2f} px, as of a relative pitch of {pitch:+.3f} +- "
+        f"rows of left and right differ by {mean[0]:+.2f} px, as of a relative pitch of {pitch:+.3f} +- "
         f"{pitch_error:.3f} deg (good up to {config.suspect_pitch_deg:g}), relative roll {roll:+.3f} +- "
         f"{roll_error:.3f} deg (good up to {config.suspect_roll_deg:g})"
     )

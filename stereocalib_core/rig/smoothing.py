@@ -64,8 +64,7 @@ def _measured(
     for i, result in enumerate(results):
         if result.road is not None:
             e = result.road.extrinsics
-            values[i] = e.height_m, e.pitch_rad, e.roll_rad
-            covariance[i] = result.road.covariance - result.road.bend_covariance
+            values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
     if dense is None:
         return values, covariance
     return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)

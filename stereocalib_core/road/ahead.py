@@ -75,27 +75,31 @@ def _count(
 
 
 @njit(cache=True, nogil=True)
+def _quantile(counts: NDArray[np.int64], share: float) -> float:
+    """The height [m] below which `share` of the cells lie; counts: (levels,)."""
+    levels, total, seen = len(counts), counts.sum(), 0
+    for level in range(levels):
+        seen += counts[level]
+        if seen > share * total:
+            return (level + 0.5 - 0.5 * levels) * _LEVEL_M
+    return np.nan
+
+
+@njit(cache=True, nogil=True)
 def _surface(counts: NDArray[np.int64]) -> Float:
     """(bins,) height of the surface over the plane [m], NaN where nothing is surely one."""
-    bins, _, levels = counts.shape
+    bins = len(counts)
     surface = np.full(bins, np.nan)
     for k in range(bins):
         half = np.full(2, np.nan)
         blocked = False
         for side in range(2):
-            total = counts[k, side].sum()
-            if total < _LEAST_CELLS:
+            cells = counts[k, side]
+            if cells.sum() < _LEAST_CELLS:
                 continue
-            quantile = np.zeros(3)
-            seen, which = 0, 0
-            for level in range(levels):
-                seen += counts[k, side, level]
-                while which < 3 and seen > (0.2 + 0.3 * which) * total:
-                    quantile[which] = (level + 0.5 - 0.5 * levels) * _LEVEL_M
-                    which += 1
-            if quantile[2] - quantile[0] > _SPREAD_M and quantile[1] > -_LOW_M:
+            half[side] = _quantile(cells, 0.5)
+            if half[side] > -_LOW_M and _quantile(cells, 0.8) - _quantile(cells, 0.2) > _SPREAD_M:
                 blocked = True
-            half[side] = quantile[1]
         if blocked:
             continue
         if np.isfinite(half[0]) and np.isfinite(half[1]):

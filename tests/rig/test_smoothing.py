@@ -73,8 +73,7 @@ def test_a_bend_ahead_widens_sigma_and_moves_nothing() -> None:
     bent = list(plain)
     for i in range(200, 210):
         assert plain[i].road is not None
-        road = replace(plain[i].road, bend=(0.1, 0.02))
-        bent[i] = replace(plain[i], road=replace(road, covariance=covariance + road.bend_covariance))
+        bent[i] = replace(plain[i], road=replace(plain[i].road, bend=(0.1, 0.02)))
     before, after = filter_drive(plain), filter_drive(bent)
     np.testing.assert_allclose(after.values, before.values, atol=1e-12)
     added = np.sqrt(np.maximum(after.sigma**2 - before.sigma**2, 0.0))
