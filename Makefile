@@ -10,7 +10,7 @@ READY  := $(VENV)/.installed
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	$(BIN)/python -m stereocalib_core.warmup
+	$(BIN)/python -m stereocalib_core.benches.warmup
 	@touch $@
 
 demo: $(READY)  ## the app on the embedded synthetic drive
@@ -25,14 +25,14 @@ check: $(READY)  ## format, lint, types
 	$(BIN)/mypy
 
 bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same run
-	$(BIN)/python -m stereocalib_core.bench $(ARGS)
+	$(BIN)/python -m stereocalib_core.benches.front_end $(ARGS)
 
 bench-batch: $(READY)  ## twelve short drives: one run after another, one worker, two workers
-	$(BIN)/python -m stereocalib_core.batch_bench $(ARGS)
+	$(BIN)/python -m stereocalib_core.benches.batch $(ARGS)
 
 bench-app: $(READY)  ## how quick the page is, and a class of twenty browsers, on RUN=the output of a run
-	$(BIN)/python -m app.bench $(RUN)
-	$(BIN)/python -m app.bench_class $(RUN)
+	$(BIN)/python -m stereocalib_app.benches.page $(RUN)
+	$(BIN)/python -m stereocalib_app.benches.classroom $(RUN)
 
 format: $(READY)
 	$(BIN)/ruff format .

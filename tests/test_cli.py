@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drive_writer import odometry_drive
+from stereocalib_app.cli.commands import COMMANDS
+from stereocalib_app.cli.main import main
 
-from app.cli import main
-from app.commands import COMMANDS
-from stereocalib_core import pipeline
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front import pipeline
+from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.pipeline import FrontEndMemory
 from stereocalib_core.results import FrameResult, RoadEstimate
 
 ONE_LINE = re.compile(r"stereocalib: error: [^:\n]+: .+: .+\n")
@@ -53,7 +53,7 @@ def front_end(monkeypatch: pytest.MonkeyPatch) -> type[FakeFrontEnd]:
     """Replaces the estimation, and the back end, by something instant."""
     chosen = type("Chosen", (FakeFrontEnd,), {})
     monkeypatch.setattr(pipeline, "FrontEnd", chosen)
-    monkeypatch.setattr("stereocalib_core.run._analyse", lambda *_: None)
+    monkeypatch.setattr("stereocalib_core.run.drive._analyse", lambda *_: None)
     return chosen
 
 
@@ -71,14 +71,20 @@ def test_help_is_complete_and_fast() -> None:
     for argv in ([], ["run"], ["synth"], ["lidar-camera"]):
         started = time.perf_counter()
         done = subprocess.run(
-            [sys.executable, "-m", "app.cli", *argv, "--help"], capture_output=True, text=True, check=False
+            [sys.executable, "-m", "stereocalib_app.cli.main", *argv, "--help"],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         slowest.append(time.perf_counter() - started)
         assert done.returncode == 0
         assert done.stderr == ""
     assert min(slowest) < 0.3
     top = subprocess.run(
-        [sys.executable, "-m", "app.cli", "--help"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "stereocalib_app.cli.main", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     for command in COMMANDS:
         assert re.search(rf"^    {command} +\S", top, re.MULTILINE), command
@@ -239,7 +245,7 @@ def test_a_run_stopped_before_its_first_frame_leaves_nothing(
 
 
 def test_the_mount_is_judged_by_a_tolerance_file() -> None:
-    from stereocalib_core.tolerance import Tolerance, within_tolerance
+    from stereocalib_core.run.tolerance import Tolerance, within_tolerance
 
     mount = {"height_m": {"value": 1.66, "sigma": 0.01}, "yaw_deg": None}
     assert within_tolerance(mount, {"height_m": Tolerance(1.65, 0.02)}) is True
@@ -255,7 +261,7 @@ def test_folders_of_boards_that_do_not_exist(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_judged_mount_names_each_axis_and_its_limits() -> None:
-    from stereocalib_core.tolerance import Tolerance, judged
+    from stereocalib_core.run.tolerance import Tolerance, judged
 
     mount = {
         "height_m": {"value": 1.66, "sigma": 0.01},

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stereocalib_core.installed_code import use_installed_code
+from stereocalib_core.system.installed_code import use_installed_code
 
 COMPILED = """
 import numpy as np
@@ -22,7 +22,7 @@ def twice(x):
 ASK = """
 import sys
 sys.path.insert(0, {root!r})
-from stereocalib_core.installed_code import use_installed_code
+from stereocalib_core.system.installed_code import use_installed_code
 use_installed_code(__import__("pathlib").Path({root!r}))
 import compiled_here
 assert compiled_here.twice(3.0) == 6.0

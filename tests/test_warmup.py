@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stereocalib_core.warmup import compile_modules
+from stereocalib_core.benches.warmup import compile_modules
 
 
 def test_modules_without_byte_code_get_some(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,22 +38,23 @@ def test_the_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     home = tmp_path / "installed"
     run("-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", home, wheel, cwd=tmp_path)
     code = (
-        f"import sys; sys.path.insert(0, {str(home)!r}); import app.cli, stereocalib_core;"
-        f"assert stereocalib_core.__file__.startswith({str(home)!r}); sys.exit(app.cli.main(sys.argv[1:]))"
+        f"import sys; sys.path.insert(0, {str(home)!r}); import stereocalib_app.cli.main, stereocalib_core;"
+        f"assert stereocalib_core.__file__.startswith({str(home)!r});"
+        "sys.exit(stereocalib_app.cli.main.main(sys.argv[1:]))"
     )
     assert "KITTI odometry" in run("-c", code, "--help", cwd=tmp_path).stdout
     assert run("-c", code, "--version", cwd=tmp_path).stdout.startswith("stereocalib ")
     command = next((home / "bin").glob("stereocalib*"))
-    assert "app.cli" in command.read_text()
+    assert "stereocalib_app.cli.main" in command.read_text()
 
 
 def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
     modules = {
-        str(path.relative_to(REPO))
-        for folder in ("stereocalib_core", "app")
-        for path in (REPO / folder).rglob("*.py")
+        str(path.relative_to(folder.parent))
+        for folder in (REPO / "stereocalib_core", REPO / "app" / "stereocalib_app")
+        for path in folder.rglob("*.py")
     }
     assert modules <= names
-    assert {name.split("/")[0] for name in names} == {"stereocalib_core", "app"}
+    assert {name.split("/")[0] for name in names} == {"stereocalib_core", "stereocalib_app"}

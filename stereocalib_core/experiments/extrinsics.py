@@ -11,18 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.files.io import write_atomic, write_json
+from stereocalib_core.files.report import estimates
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front.road.estimate import RoadResult, estimate_road
+from stereocalib_core.front.road.variants import eq12_roll, fit_single_pass, fit_whole_map, labayrade_roll
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.io import write_atomic, write_json
-from stereocalib_core.report import estimates
 from stereocalib_core.results import FrameResult, RoadEstimate
-from stereocalib_core.rig.smoothing import filter_drive
-from stereocalib_core.road.estimate import RoadResult, estimate_road
-from stereocalib_core.road.variants import eq12_roll, fit_single_pass, fit_whole_map, labayrade_roll
+from stereocalib_core.simulator.plane import render_plane
 from stereocalib_core.sources import open_source, prefetch
-from stereocalib_core.synthetic.plane import render_plane
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]

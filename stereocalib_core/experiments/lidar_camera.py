@@ -13,6 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from stereocalib_core.boards.baselines import points_on_plane, unnikrishnan_hebert
+from stereocalib_core.boards.calibrate import joint_problem
+from stereocalib_core.boards.observation import PairObservation
+from stereocalib_core.boards.planes import plane_through
+from stereocalib_core.boards.refine import JointState, Noise, refine
+from stereocalib_core.boards.rotations import rotation_from_vector
+from stereocalib_core.boards.solve import PlanePairs, dual_space, split_covariance, weighted
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.experiments import lidar_camera_report as report
 from stereocalib_core.experiments.lidar_camera_simulation import (
@@ -22,15 +29,8 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     SimulatedNoise,
     simulate_boards,
 )
+from stereocalib_core.files.io import write_json
 from stereocalib_core.geometry import Array
-from stereocalib_core.io import write_json
-from stereocalib_core.lidar_camera.baselines import points_on_plane, unnikrishnan_hebert
-from stereocalib_core.lidar_camera.calibrate import joint_problem
-from stereocalib_core.lidar_camera.observation import PairObservation
-from stereocalib_core.lidar_camera.planes import plane_through
-from stereocalib_core.lidar_camera.refine import JointState, Noise, refine
-from stereocalib_core.lidar_camera.rotations import rotation_from_vector
-from stereocalib_core.lidar_camera.solve import PlanePairs, dual_space, split_covariance, weighted
 
 Progress = Callable[[int, int, str], None]
 COUNTS = tuple(range(5, 16))

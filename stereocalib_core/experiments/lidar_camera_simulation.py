@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stereocalib_core.boards.boards import board_pose, plane_of_board
+from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.observation import BoardSpec, PairObservation
+from stereocalib_core.boards.planes import fit_plane
+from stereocalib_core.boards.rotations import rotation_from_roll_pitch_yaw, rotation_from_vector
 from stereocalib_core.geometry import Array, invert_transform, transform
-from stereocalib_core.lidar_camera.boards import board_pose, plane_of_board
-from stereocalib_core.lidar_camera.camera import BoardCamera
-from stereocalib_core.lidar_camera.observation import BoardSpec, PairObservation
-from stereocalib_core.lidar_camera.planes import fit_plane
-from stereocalib_core.lidar_camera.rotations import rotation_from_roll_pitch_yaw, rotation_from_vector
 
 BOARD = BoardSpec(columns=8, rows=8, square_m=0.09, width_m=0.81, height_m=0.81)
 CAMERA = BoardCamera(

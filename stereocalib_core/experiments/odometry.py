@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from stereocalib_core.back.analyse import Drive, analyse
+from stereocalib_core.back.evaluation import OdometryErrors, common_frames, errors_along
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.drive import Drive, analyse
-from stereocalib_core.evaluation import OdometryErrors, common_frames, errors_along
+from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
+from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.geometry import Array
-from stereocalib_core.io import write_atomic, write_json
-from stereocalib_core.pipeline import FrontEnd
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.prefetch import prefetch
 

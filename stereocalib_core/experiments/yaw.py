@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stereocalib_core.drive import Drive
+from stereocalib_core.back.analyse import Drive
+from stereocalib_core.back.rig.vanishing_point import VanishingPointView
+from stereocalib_core.back.rig.yaw import YawEstimate, view
 from stereocalib_core.experiments.odometry import follow
+from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
-from stereocalib_core.io import write_atomic, write_json
-from stereocalib_core.rig.vanishing_point import VanishingPointView
-from stereocalib_core.rig.yaw import YawEstimate, view
 from stereocalib_core.sources import open_source
 
 Picture = NDArray[np.uint8]

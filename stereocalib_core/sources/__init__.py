@@ -27,8 +27,8 @@ class SourceKind(Enum):
 
 def source_kind(spec: str) -> SourceKind:
     """What `spec` is, by what is in it; raises SourceError for what is none of the kinds."""
-    from stereocalib_core.sources import folder as plain
-    from stereocalib_core.sources import kitti_odometry, kitti_raw
+    from stereocalib_core.sources.formats import folder as plain
+    from stereocalib_core.sources.formats import kitti_odometry, kitti_raw
 
     if spec == "synthetic" or spec.startswith(("synthetic:", "synthetic?")):
         return SourceKind.SYNTHETIC
@@ -93,18 +93,18 @@ def open_source(spec: str) -> FrameSource:
     """Open any SOURCE but the output of an earlier run; raises SourceError in one line."""
     import cv2
 
-    from stereocalib_core.sources import folder as plain
-    from stereocalib_core.sources import kitti_odometry, kitti_raw
+    from stereocalib_core.sources.formats import folder as plain
+    from stereocalib_core.sources.formats import kitti_odometry, kitti_raw
 
     kind = source_kind(spec)
     # Damaged pictures are reported as failed frames, not as lines on stderr.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     if kind is SourceKind.SYNTHETIC:
-        from stereocalib_core.sources import synthetic
+        from stereocalib_core.sources.formats import synthetic
 
         return synthetic.SyntheticSource.from_spec(spec)
     if kind is SourceKind.VIDEO:
-        from stereocalib_core.sources import video
+        from stereocalib_core.sources.formats import video
 
         return video.open_video(spec)
     path = absolute(spec)

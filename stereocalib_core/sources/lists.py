@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import invert_transform
-from stereocalib_core.tables import read_table
+from stereocalib_core.system.tables import read_table
 
 KITTI_FPS = 10.0
 

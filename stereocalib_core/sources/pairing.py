@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.sources.images import PICTURE_SUFFIXES, PictureFormat, read_side
+from stereocalib_core.sources.pictures import PICTURE_SUFFIXES, PictureFormat, read_side
 
 MAX_FRAMES = 1_000_000
 

@@ -11,11 +11,10 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Error as PlaywrightError
-
-from app import server as app_server
-from app.chromium import FLAGS
-from app.hub import Hub
-from app.secure import stop_server
+from stereocalib_app.benches.chromium import FLAGS
+from stereocalib_app.drive import serve as app_server
+from stereocalib_app.server.hub import Hub
+from stereocalib_app.server.security import stop_server
 
 _CONTEXTS: list[Any] = []
 
@@ -167,7 +166,7 @@ def open_page(browser: Any) -> Iterator[Callable[[Hub], Any]]:
 @pytest.fixture
 def fresh(hub_06: Hub) -> Hub:
     """The shared page of `hub_06` as at the start."""
-    from app.settings import Settings
+    from stereocalib_app.drive.settings import Settings
 
     hub_06.leader = None
     for number in list(hub_06._own):

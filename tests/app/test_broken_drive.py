@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 import pytest
 from conftest import start_page, stop_page, until
+from stereocalib_app.drive import exports
+from stereocalib_app.drive.earlier_run import open_run
+from stereocalib_app.drive.panels import debug
+from stereocalib_app.server.hub import Hub
 
-from app import exports
-from app.earlier_run import open_run
-from app.hub import Hub
-from app.panels import debug
 from stereocalib_core.errors import SourceError
 from stereocalib_core.sources import open_source
 

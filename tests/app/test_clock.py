@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import until
-
-from app.playback import ClockState, Playback
+from stereocalib_app.server.clock import ClockState, Playback
 
 
 class Screen:

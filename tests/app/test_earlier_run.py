@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from stereocalib_app.drive.earlier_run import open_run
+from stereocalib_app.drive.panels.header import drive_title
+from stereocalib_app.drive.session import Session
 
-from app.earlier_run import open_run
-from app.panels.header import drive_title
-from app.session import Session
 from stereocalib_core.errors import SourceError
-from stereocalib_core.run import run_drive
+from stereocalib_core.run.drive import run_drive
 
 FRAMES = 5
 

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import until
-
-from app.bench import Watcher, consistent
-from app.hub import Hub
-from app.inputs import acceptable
-from app.playback import ClockState, Playback
-from app.secure import create_server, stop_server
-from app.settings import Settings
+from stereocalib_app.benches.page import Watcher, consistent
+from stereocalib_app.drive.settings import Settings
+from stereocalib_app.server.clock import ClockState, Playback
+from stereocalib_app.server.hub import Hub
+from stereocalib_app.server.inputs import acceptable
+from stereocalib_app.server.security import create_server, stop_server
 
 HOSTILE: tuple[Any, ...] = (
     *(float("nan"), float("inf"), -1e300, 1e300, -5, 2**63, "no such option", "x" * 5000, None),
@@ -78,7 +77,7 @@ def test_hostile_messages_stop_nothing(fresh: Hub, capfd: pytest.CaptureFixture[
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_the_page_outlives_an_error_in_showing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.playback.AFTER_ERROR_S", 0.05)
+    monkeypatch.setattr("stereocalib_app.server.clock.AFTER_ERROR_S", 0.05)
     shown: list[int] = []
 
     def show(state: ClockState) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stereocalib_app.server import library
+from stereocalib_app.server.library import Library, drive_folder, part_of, unpack
 
-from app import library
-from app.library import Library, drive_folder, part_of, unpack
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth, Recording, StereoFrame

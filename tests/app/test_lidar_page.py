@@ -13,17 +13,17 @@ import cv2
 import numpy as np
 import pytest
 from conftest import tab, until
+from stereocalib_app.benches.raw_client import RawClient
+from stereocalib_app.boards import serve as lidar_view
+from stereocalib_app.boards.panels import command
+from stereocalib_app.boards.serve import LidarView
+from stereocalib_app.boards.session import LidarSession
 from websockets.exceptions import InvalidStatus
 
-from app import lidar_view
-from app.lidar_panels import command
-from app.lidar_session import LidarSession
-from app.lidar_view import LidarView
-from app.raw_client import RawClient
+from stereocalib_core.boards import BoardCamera, BoardSpec
+from stereocalib_core.boards.rotations import rotation_from_vector
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import transform
-from stereocalib_core.lidar_camera import BoardCamera, BoardSpec
-from stereocalib_core.lidar_camera.rotations import rotation_from_vector
 
 CAMERA = BoardCamera("pinhole", 640, 420, np.array([[480.0, 0, 320], [0, 480, 210], [0, 0, 1]]), np.zeros(4))
 PAIRS = 6
@@ -32,7 +32,7 @@ PAIRS = 6
 @pytest.fixture(scope="module")
 def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LidarView]:
     """A room of six pairs, one of whose clouds is cut off, completely solved."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "lidar_camera"))
+    sys.path.insert(0, str(Path(__file__).parents[1] / "boards"))
     from lidar_scenes import FLU_TO_RDF, vlp16, write_folder
 
     folder = tmp_path_factory.mktemp("lidar") / "room"

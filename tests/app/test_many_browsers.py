@@ -10,9 +10,8 @@ import numpy as np
 import psutil
 import pytest
 from conftest import until
-
-from app.hub import Hub
-from app.raw_client import RawClient, frames_in
+from stereocalib_app.benches.raw_client import RawClient, frames_in
+from stereocalib_app.server.hub import Hub
 
 
 def connect(hub: Hub) -> tuple[RawClient, Any]:

@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 import pytest
 from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm_page
-
-from app.arguments import build_parser
-from app.frame_views import MOVING_PX
-from app.hub import Hub
-from app.page_words import from_words
-from app.render import WIDTH_PX
+from stereocalib_app.cli.arguments import build_parser
+from stereocalib_app.drive.frame_views import MOVING_PX
+from stereocalib_app.drive.page_words import from_words
+from stereocalib_app.drive.render import WIDTH_PX
+from stereocalib_app.server.hub import Hub
 
 pytestmark = pytest.mark.browser
 

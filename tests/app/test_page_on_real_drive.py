@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 from conftest import press, shown_frame, tab, until
-
-from app.hub import Hub
+from stereocalib_app.server.hub import Hub
 
 pytestmark = pytest.mark.browser
 

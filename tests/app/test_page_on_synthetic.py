@@ -20,11 +20,11 @@ from conftest import (
     until,
     warm_page,
 )
+from stereocalib_app.server.hub import Hub
+from stereocalib_app.words.lessons import LESSONS
 
-from app.hub import Hub
-from app.lessons import LESSONS
-from stereocalib_core.run import run_drive
-from stereocalib_core.tolerance import Tolerance
+from stereocalib_core.run.drive import run_drive
+from stereocalib_core.run.tolerance import Tolerance
 
 pytestmark = pytest.mark.browser
 
@@ -215,7 +215,7 @@ def test_an_earlier_run_opens_with_everything(page: Any, hub: Hub) -> None:
 
 
 def test_a_zip_is_uploaded(page: Any, hub: Hub, tmp_path: Path) -> None:
-    from stereocalib_core.synthetic import synth
+    from stereocalib_core.simulator import synth
 
     synth(tmp_path / "drive", "plane", {"frames": "3"}, [], None)
     archive = Path(shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "drive"))

@@ -6,9 +6,9 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import pytest
+from stereocalib_app.drive.page_words import from_words, to_words
+from stereocalib_app.drive.settings import Corrections, Settings
 
-from app.page_words import from_words, to_words
-from app.settings import Corrections, Settings
 from stereocalib_core.errors import ConfigError
 
 FULL = Settings(

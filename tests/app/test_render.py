@@ -6,15 +6,16 @@ import time
 
 import numpy as np
 import pytest
+from stereocalib_app.drive import render
+from stereocalib_app.drive.frame_views import BoundedCache, cloud
+from stereocalib_app.widgets import canvas, palette
 
-from app import canvas, palette, render
-from app.frame_views import BoundedCache, cloud
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front.road.stages import DisparityMap, RoadStages
+from stereocalib_core.front.road.uv_disparity import u_disparity, v_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import RoadEstimate
-from stereocalib_core.road.stages import DisparityMap, RoadStages
-from stereocalib_core.road.uv_disparity import u_disparity, v_disparity
 
 CAMERA = StereoCamera(640, 320, 500.0, 320.0, 140.0, 0.5)
 TRUTH = Extrinsics.from_degrees(1.6, 2.0, 3.0)

@@ -9,10 +9,16 @@ from collections.abc import Iterator
 
 import pytest
 import viser._messages
+from stereocalib_app.benches.raw_client import RawClient
+from stereocalib_app.server.security import (
+    LocalServer,
+    allowed_names,
+    create_server,
+    request_allowed,
+    stop_server,
+)
 from websockets.exceptions import InvalidStatus
 
-from app.raw_client import RawClient
-from app.secure import LocalServer, allowed_names, create_server, request_allowed, stop_server
 from stereocalib_core.errors import ConfigError
 
 

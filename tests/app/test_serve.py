@@ -23,7 +23,17 @@ def free_port() -> str:
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_serves_until_interrupted(kitti_06: Path, host: str) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "view", str(kitti_06), "--port", free_port(), "--host", host],
+        [
+            sys.executable,
+            "-m",
+            "stereocalib_app.cli.main",
+            "view",
+            str(kitti_06),
+            "--port",
+            free_port(),
+            "--host",
+            host,
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -50,7 +60,7 @@ def test_serves_until_interrupted(kitti_06: Path, host: str) -> None:
 
 def test_a_folder_that_is_no_drive_is_one_line(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "view", str(tmp_path), "--port", free_port()],
+        [sys.executable, "-m", "stereocalib_app.cli.main", "view", str(tmp_path), "--port", free_port()],
         capture_output=True,
         text=True,
         timeout=60,

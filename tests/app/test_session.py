@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import until
+from stereocalib_app.drive import session as session_module
+from stereocalib_app.drive.session import Session, Snapshot
 
-from app import session as session_module
-from app.session import Session, Snapshot
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
+from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.pipeline import FrontEndMemory
 from stereocalib_core.results import FrameResult, RoadEstimate
 
 CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)

@@ -8,15 +8,16 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from stereocalib_app.drive.panels import debug, faults
+from stereocalib_app.drive.path_state import PathState
+from stereocalib_app.drive.session import Snapshot
+from stereocalib_app.drive.summary import path_legend
+from stereocalib_app.widgets import palette, text
+from stereocalib_app.widgets.chart import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
+from stereocalib_app.widgets.copy_button import copy_button
+from stereocalib_app.words import lessons
+from stereocalib_app.words.remedies import REMEDIES
 
-from app import lessons, palette, text
-from app.copy_button import copy_button
-from app.panels import debug, faults
-from app.path_state import PathState
-from app.plots import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
-from app.remedies import REMEDIES
-from app.session import Snapshot
-from app.summary import path_legend
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import Check, FrameResult, RoadEstimate
@@ -167,8 +168,9 @@ def test_now_is_a_line_at_its_share_of_the_plot() -> None:
 
 
 def test_the_card_judges_each_axis_and_the_whole() -> None:
-    from app.card import card_html, card_text
-    from stereocalib_core.tolerance import Tolerance, judged
+    from stereocalib_app.drive.card import card_html, card_text
+
+    from stereocalib_core.run.tolerance import Tolerance, judged
 
     mount = {
         axis: {"value": value, "sigma": 0.01} for axis, value in (("height_m", 1.66), ("pitch_deg", 0.5))

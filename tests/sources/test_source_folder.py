@@ -12,7 +12,7 @@ from drive_writer import BASELINE, CAMERA_YAML, HEIGHT, WIDTH, plain_drive, pose
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import rotation_x, rotation_y, rotation_z
 from stereocalib_core.sources import SourceKind, open_source, source_kind
-from stereocalib_core.sources.camera_file import read_camera_file
+from stereocalib_core.sources.calibrations.own_yaml import read_camera_file
 
 
 def test_reads_a_plain_folder(tmp_path: Path) -> None:

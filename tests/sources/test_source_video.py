@@ -15,11 +15,11 @@ from drive_writer import CAMERA_YAML, HEIGHT, WIDTH
 from stereocalib_core.errors import FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.run import run_drive
+from stereocalib_core.run.drive import run_drive
 from stereocalib_core.sources import SourceKind, open_source, prefetch, source_kind
-from stereocalib_core.sources.camera_file import read_camera_file
+from stereocalib_core.sources.calibrations.own_yaml import read_camera_file
+from stereocalib_core.sources.formats.video import to_frame
 from stereocalib_core.sources.live import LiveReader
-from stereocalib_core.sources.video import to_frame
 
 FRAMES = 30
 
@@ -191,7 +191,7 @@ class Device:
 
 def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever is slower than the device skips pictures; the times are those at which they came."""
-    monkeypatch.setattr("stereocalib_core.sources.video.cv2.VideoCapture", Device)
+    monkeypatch.setattr("stereocalib_core.sources.formats.video.cv2.VideoCapture", Device)
     (tmp_path / "camera.yaml").write_text(CAMERA_YAML)
 
     def slow(done: int, *_: object) -> None:

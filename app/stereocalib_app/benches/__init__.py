@@ -1,0 +1,1 @@
+"""How quick the pages are, and their pictures; nothing imports this."""

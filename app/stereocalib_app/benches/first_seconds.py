@@ -1,0 +1,85 @@
+"""`python -m stereocalib_app.benches.first_seconds`: from `stereocalib demo` to a moving picture, nothing cached.
+
+Starts the command as anybody would, with an empty folder for rendered frames, and opens the address in a headless
+Chromium as soon as it is printed (the browser itself runs already, as people's does). Software rendering of the
+3-D view makes this slower than a machine with a graphics card.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from stereocalib_app.benches.chromium import FLAGS, find_browser
+from stereocalib_core.errors import ConfigError
+
+PATIENCE_S = 120.0
+MOVING = """() => {
+  const text = document.body.innerText, found = text.match(/Frame (\\d+) of/);
+  const picture = [...document.images].find(i => i.complete && i.naturalWidth > 500);
+  if (!found || !picture || !/height[^]*\\d\\.\\d+ ?m/i.test(text)) return false;
+  const now = found[1] + ' ' + picture.src.length + picture.src.slice(-64);
+  const seen = window.firstSeen ??= { frame: found[1], now, at: performance.now() };
+  return found[1] !== seen.frame && now !== seen.now ? { first: seen.at, moving: performance.now() } : false; }"""
+"""When the first frame stood on the page with picture and height, and when another one did [ms of the page]."""
+
+
+def measure(browser: str) -> dict[str, float]:
+    """Seconds since the command was started: `address` printed, `first` frame shown, `moving`."""
+    from playwright.sync_api import sync_playwright
+
+    with (
+        sync_playwright() as playwright,
+        tempfile.TemporaryDirectory() as profile,
+        tempfile.TemporaryDirectory() as cache,
+    ):
+        context = playwright.chromium.launch_persistent_context(
+            profile, executable_path=browser, args=list(FLAGS), viewport={"width": 1280, "height": 720}
+        )
+        page = context.pages[0]
+        command = [str(Path(sys.executable).with_name("stereocalib")), "demo", "--port", "18085"]
+        environment = {**os.environ, "STEREOCALIB_CACHE": cache}
+        began = time.monotonic()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+            try:
+                assert process.stdout is not None
+                address = process.stdout.readline().strip()
+                printed = time.monotonic() - began
+                page.goto(address)
+                moments = page.wait_for_function(MOVING, timeout=1e3 * PATIENCE_S).json_value()
+                moving = time.monotonic() - began
+            finally:
+                process.terminate()
+        context.close()
+    return {
+        "address": printed,
+        "first": moving - 1e-3 * (moments["moving"] - moments["first"]),
+        "moving": moving,
+    }
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description="From `stereocalib demo` to a moving picture.")
+    parser.add_argument("--browser", default=find_browser())
+    parser.add_argument("--times", type=int, default=3)
+    arguments = parser.parse_args()
+    if arguments.browser is None:
+        raise ConfigError("no Chromium or Chrome", "first_seconds", "install one, or name it with --browser")
+    for _ in range(arguments.times):
+        seconds = measure(arguments.browser)
+        sys.stdout.write(
+            f"address {seconds['address']:5.1f} s   first frame {seconds['first']:5.1f} s   "
+            f"moving {seconds['moving']:5.1f} s\n"
+        )
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

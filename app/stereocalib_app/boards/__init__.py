@@ -1,0 +1,1 @@
+"""The page of a camera and a LiDAR before chessboards."""

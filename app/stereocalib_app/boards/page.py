@@ -1,0 +1,253 @@
+"""The page of a camera and a LiDAR: lays out the panels and keeps them on the session's snapshot."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from stereocalib_app.boards.panels import ExportPanel, NudgePanel, PairsPanel, ResultPanel
+from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture
+from stereocalib_app.boards.scene import LidarScene, look_from
+from stereocalib_app.boards.session import LidarSession, LidarSnapshot
+from stereocalib_app.drive.panels.views import set_jpeg
+from stereocalib_app.widgets import canvas, palette
+from stereocalib_app.widgets.style import style_sheet
+from stereocalib_app.words import boards as lidar_words
+from stereocalib_core.errors import StereoCalibError
+
+LOG = logging.getLogger(__name__)
+VIEWS_WIDTH_PX, MAIN_WIDTH_PX, TIMELINE_WIDTH_PX = 430, 345, 440
+STAGES = ("reading pairs", "searching boards in clouds", "measuring boards in clouds")
+
+
+class LidarPage:
+    """Shared by all browsers; drawn by the session's worker alone."""
+
+    def __init__(self, server: viser.ViserServer, session: LidarSession) -> None:
+        self.server, self.session, self.gui = server, session, server.gui
+        self._drawn: tuple[Any, ...] = ()
+        self._looked = False
+        gui = self.gui
+        gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
+        )
+        server.initial_camera.up = (0.0, -1.0, 0.0)
+        server.initial_camera.position = (-2.6, -2.2, -2.4)
+        server.initial_camera.look_at = (0.0, 0.0, 2.0)
+        with server.atomic():
+            self._build_views()
+            self._build_main()
+            self._build_slider()
+            self.scene = LidarScene(server, self._board_clicked)
+        self._commands()
+        session.show = self.update
+
+    def _build_views(self) -> None:
+        gui, blank = self.gui, np.full((8, WIDTH_PX, 3), 24, np.uint8)
+        panel: Any = gui.add_panel()
+        panel.dock_left()
+        panel.set_width(VIEWS_WIDTH_PX)
+        with panel.add_tab("Cloud on picture"):
+            self._close_up: Any = gui.add_checkbox("Close-up", False, hint="Only the board, larger.")
+            self._after = gui.add_image(blank, format="jpeg")
+            self._before = gui.add_image(blank, format="jpeg")
+            self._explain = gui.add_markdown(
+                "Near points are red, far ones blue. A good calibration puts the jump in range on the board's "
+                "edge. The linear solution is where the refinement starts."
+            )
+            gui.add_html(style_sheet())
+        self.on_input(self._close_up, lambda value: self.session.change(close_up=value))
+        with panel.add_tab("3-D"):
+            boxes = [
+                gui.add_checkbox(label, True, hint=hint)
+                for label, hint in (
+                    ("Whole cloud", "The scan of this pair, near is bright."),
+                    ("Board points", "Cloud points on the boards; this pair's are gold."),
+                    (
+                        "Normals",
+                        "Each board's normal: green as the camera sees it, orange as the LiDAR does.",
+                    ),
+                    ("σ ellipsoid", "One sigma of the LiDAR's place, enlarged as its label says."),
+                )
+            ]
+            gui.add_markdown(
+                "Outlines are boards as the camera sees them: green used, orange refused, grey left out, gold "
+                "this pair. Click a board's centre to go to it."
+            )
+        self._options = boxes
+        for box in boxes:
+            self.on_input(box, lambda _value: self.session.change())
+
+    def _build_main(self) -> None:
+        gui = self.gui
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(MAIN_WIDTH_PX)
+        self._headline: Any = gui.add_markdown("")
+        self._progress: Any = gui.add_progress_bar(0.0)
+        self._verdict = gui.add_markdown("")
+        gui.add_html(style_sheet())
+        self._parts: list[Any] = []
+        tabs: Any = gui.add_tab_group()
+        for name, part in (
+            ("Pairs", PairsPanel),
+            ("Result", ResultPanel),
+            ("Nudge", NudgePanel),
+            ("Export", ExportPanel),
+        ):
+            with tabs.add_tab(name):
+                self._parts.append(part(self))
+
+    def _build_slider(self) -> None:
+        gui, count = self.gui, len(self.session.folder.names)
+        panel: Any = gui.add_panel()
+        panel.float(x=8, y=-8, width=TIMELINE_WIDTH_PX)
+        with panel.add_tab("Pair"):
+            self._slider: Any = gui.add_slider("Pair", 1, max(count, 2), 1, 1)
+            self._steps = gui.add_button_group("", ("◀ previous", "next ▶", "tick in or out"))
+            self._words = gui.add_markdown("")
+        self.on_input(self._slider, lambda value: self.session.change(pair=min(int(value), count) - 1))
+        self.on_click(self._steps, lambda: self._press(self._steps.value))
+
+    def _press(self, name: str) -> None:
+        if name == "tick in or out":
+            self.toggle()
+        else:
+            self.session.step(1 if name == "next ▶" else -1)
+
+    def toggle(self) -> None:
+        """Take the pair on show in or out."""
+        wish = self.session.wish
+        name = self.session.folder.names[wish.pair]
+        self.session.tick(name, name in wish.excluded)
+
+    def _commands(self) -> None:
+        for label, key, action in (
+            ("Next pair", "N", lambda: self.session.step(1)),
+            ("Previous pair", "P", lambda: self.session.step(-1)),
+            ("Tick this pair in or out", "T", self.toggle),
+        ):
+            handle: Any = self.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
+            handle.on_trigger(lambda event, action=action: self._kindly(event, action))
+
+    # --- what people do
+
+    def on_input(self, handle: Any, action: Callable[[Any], None]) -> None:
+        """Run `action(value)` when a person, not the program, changes an input."""
+
+        @handle.on_update
+        def _(event: Any) -> None:
+            if event.client_id is not None:
+                self._kindly(event, lambda: action(handle.value))
+
+    def on_click(self, handle: Any, action: Callable[[], None]) -> None:
+        """Run `action()` when a person presses a button."""
+
+        @handle.on_click
+        def _(event: Any) -> None:
+            self._kindly(event, action)
+
+    def on_download(self, handle: Any, name: str, make: Callable[[], bytes]) -> None:
+        """Send what `make` gives to the browser that pressed the button."""
+
+        @handle.on_click
+        def _(event: Any) -> None:
+            client = event.client
+            if client is not None:
+                self._kindly(event, lambda: client.send_file_download(name, make(), save_immediately=True))
+
+    def _kindly(self, event: Any, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except StereoCalibError as error:
+            LOG.info("%s", error)
+            if event.client is not None:
+                body = f"{error.what}: {error.where}. {error.remedy}"
+                event.client.add_notification("That did not work", body, color="red", auto_close_seconds=15.0)
+
+    def _board_clicked(self, event: Any, index: int) -> None:
+        self._kindly(event, lambda: self.session.change(pair=index))
+
+    # --- what is shown
+
+    def update(self, snapshot: LidarSnapshot) -> None:
+        """Called by the session's worker only: numbers first, pictures after them."""
+        name = self.session.folder.names[snapshot.wish.pair]
+        with self.server.atomic():
+            self._headline.content = lidar_words.headline(snapshot, self.session.path.resolve().name)
+            self._show_progress(snapshot)
+            self._verdict.content = lidar_words.verdict(snapshot)
+            self._words.content = lidar_words.pair_words(snapshot, name)
+            if snapshot.wish is self.session.wish:
+                self._align(snapshot)
+            for part in self._parts:
+                part.update(snapshot)
+        self.server.flush()
+        if snapshot.detection is None or snapshot.stage != "ready":
+            return
+        files = self.session.files(name)
+        options = tuple(bool(box.value) for box in self._options)
+        with self.server.atomic():
+            self.scene.update(snapshot, name, files, options)  # type: ignore[arg-type]
+            self._show_pictures(snapshot, name)
+        self.server.flush()
+        self._look(snapshot)
+
+    def _align(self, snapshot: LidarSnapshot) -> None:
+        """The inputs follow what another browser, a key or a click in 3-D has changed."""
+        for handle, value in (
+            (self._slider, snapshot.wish.pair + 1),
+            (self._close_up, snapshot.wish.close_up),
+        ):
+            if handle.value != value:
+                handle.value = value
+
+    def _show_progress(self, snapshot: LidarSnapshot) -> None:
+        stage = STAGES.index(snapshot.stage) if snapshot.stage in STAGES else 0
+        share = (stage + snapshot.done / max(snapshot.total, 1)) / len(STAGES)
+        self._progress.value = 100.0 * min(share, 1.0)
+        self._progress.visible = snapshot.busy
+
+    def _show_pictures(self, snapshot: LidarSnapshot, name: str) -> None:
+        detection, result = snapshot.detection, snapshot.result
+        key = (name, result, snapshot.trial, snapshot.wish.close_up)
+        same = len(self._drawn) == len(key) and all(a is b for a, b in zip(self._drawn, key, strict=True))
+        if detection is None or same:
+            return
+        files, index = self.session.files(name), snapshot.wish.pair
+        if result is None:
+            blank = canvas.notice(WIDTH_PX, 380, "no result", "tick some pairs")
+            for handle in (self._after, self._before):
+                set_jpeg(handle, canvas.encode_jpeg(blank))
+            self._drawn = key
+            return
+        after = result.T_camera_lidar if snapshot.trial is None else snapshot.trial.T_camera_lidar
+        pair, observation = result.pairs[index], detection.observations[index]
+        views = (
+            (
+                (self._after, after, "After", "refined solution")
+                if snapshot.trial is None
+                else (self._after, after, "Nudged", "by hand from the refined solution")
+            ),
+            (self._before, result.linear, "Before", "linear solution"),
+        )
+        for handle, T, title, note in views:
+            picture = cloud_over_picture(
+                files, observation, pair, T, result.camera, detection.board, title, f"{name} · {note}",
+                snapshot.wish.close_up,
+            )  # fmt: skip
+            set_jpeg(handle, canvas.encode_jpeg(picture))
+        self._drawn = key
+
+    def _look(self, snapshot: LidarSnapshot) -> None:
+        """Once, with the first result: turn every browser to the boards."""
+        if self._looked or snapshot.result is None:
+            return
+        self._looked = True
+        position, target = look_from(snapshot)
+        self.server.initial_camera.position, self.server.initial_camera.look_at = position, target
+        for client in self.server.get_clients().values():
+            client.camera.position, client.camera.look_at = position, target

@@ -1,0 +1,234 @@
+"""The tabs of the page of a camera and a LiDAR: pairs to tick, nudge, result, export."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from stereocalib_app.boards.render import pair_row, thumbnail_rule
+from stereocalib_app.boards.session import NO_NUDGE, LidarSnapshot
+from stereocalib_app.widgets import palette
+from stereocalib_app.widgets.chart import AXIS_INK, GRID_INK
+from stereocalib_app.widgets.copy_button import copy_button
+from stereocalib_app.words import boards as lidar_words
+from stereocalib_core.boards import Calibration, Detection, report
+from stereocalib_core.boards.pictures import before_and_after
+from stereocalib_core.errors import OutputError
+
+if TYPE_CHECKING:
+    from stereocalib_app.boards.page import LidarPage
+
+TURN_LIMIT_DEG, SHIFT_LIMIT_M = 2.0, 0.10
+NUDGES = (
+    ("turn about x °", "the camera's right"),
+    ("turn about y °", "the camera's down"),
+    ("turn about z °", "the camera's view"),
+    ("shift x m", "to the right"),
+    ("shift y m", "downwards"),
+    ("shift z m", "forwards"),
+)
+
+
+class PairsPanel:
+    """Every pair with its thumbnail, its residuals and a tick."""
+
+    def __init__(self, page: LidarPage) -> None:
+        gui, self._page = page.gui, page
+        names = page.session.folder.names
+        gui.add_markdown(
+            "Untick a pair and the rest is solved again. Numbers: cloud to board, corners, normals."
+        )
+        self._all = gui.add_button("Use all pairs", hint="Tick every pair that the detection could use.")
+        page.on_click(self._all, lambda: page.session.change(excluded=frozenset()))
+        self._style: Any = gui.add_html("")
+        self._rows: list[Any] = []
+        self._ticks: list[Any] = []
+        for index, name in enumerate(names):
+            self._rows.append(gui.add_html(pair_row(page.session.snapshot, index, name)))
+            tick = gui.add_checkbox(f"use {name}", True, hint="In or out of the solution.")
+            self._ticks.append(tick)
+            page.on_input(tick, partial(page.session.tick, name))
+        self._shown: list[str] = [""] * len(names)
+        self._styled = False
+
+    def update(self, snapshot: LidarSnapshot) -> None:
+        """Show what changed."""
+        folder = self._page.session.folder
+        if not self._styled:
+            rules = [thumbnail_rule(i, folder.images.get(n)) for i, n in enumerate(folder.names)]
+            self._style.content = f"<style>{''.join(rules)}</style>"
+            self._styled = True
+        observations = None if snapshot.detection is None else snapshot.detection.observations
+        for index, name in enumerate(folder.names):
+            row = pair_row(snapshot, index, name)
+            if row != self._shown[index]:
+                self._rows[index].content = self._shown[index] = row
+            usable = observations is None or observations[index].ok
+            tick = self._ticks[index]
+            wanted = usable and name not in self._page.session.wish.excluded
+            if tick.value != wanted:
+                tick.value = wanted
+            if tick.disabled == usable:
+                tick.disabled = not usable
+
+
+class NudgePanel:
+    """Six sliders that move the LiDAR by hand."""
+
+    def __init__(self, page: LidarPage) -> None:
+        gui, self._page = page.gui, page
+        gui.add_markdown(
+            "Move the LiDAR by hand and watch the residuals: cloud and boards part at once where the set "
+            "sees a direction well, and hardly where it does not."
+        )
+        self._state = gui.add_markdown("")
+        self._sliders: list[Any] = []
+        for index, (label, hint) in enumerate(NUDGES):
+            limit, step = (TURN_LIMIT_DEG, 0.01) if index < 3 else (SHIFT_LIMIT_M, 0.001)
+            slider = gui.add_slider(label, -limit, limit, step, 0.0, hint=f"Camera axes: {hint}.")
+            self._sliders.append(slider)
+            page.on_input(slider, partial(self._set, index))
+        self._reset = gui.add_button("Back to the solution")
+        page.on_click(self._reset, lambda: page.session.change(nudge=NO_NUDGE))
+
+    def _set(self, index: int, value: float) -> None:
+        values = list(self._page.session.wish.nudge)
+        values[index] = float(value)
+        self._page.session.change(nudge=tuple(values))
+
+    def update(self, snapshot: LidarSnapshot) -> None:
+        """Show the residuals; the sliders follow a reset."""
+        self._state.content = lidar_words.nudge_words(snapshot)
+        if snapshot.wish is not self._page.session.wish:
+            return
+        for slider, value in zip(self._sliders, snapshot.wish.nudge, strict=True):
+            if slider.value != value:
+                slider.value = value
+
+
+class ResultPanel:
+    """The transform, its sigma, the residuals, the way of the refinement."""
+
+    def __init__(self, page: LidarPage) -> None:
+        gui = page.gui
+        self._tables = gui.add_markdown("No result yet.")
+        gui.add_markdown(
+            "T_camera_lidar takes LiDAR points into the camera: X_camera = R X_lidar + t. Held out: each pair "
+            "judged by the others. Below: corner residual over the steps of the joint refinement."
+        )
+        self._gui = gui
+        self._plot: Any | None = None
+        self._shown: Calibration | None = None
+        self._holder = gui.add_folder("Refinement", expand_by_default=True)
+
+    def update(self, snapshot: LidarSnapshot) -> None:
+        """Show a new result."""
+        self._tables.content = lidar_words.result_tables(snapshot)
+        result = snapshot.result
+        if result is None or result is self._shown or not result.iterations:
+            return
+        self._shown = result
+        if self._plot is not None:
+            self._plot.remove()
+        with self._holder:
+            self._plot = self._gui.add_uplot(**_iteration_plot(result))
+
+
+def _iteration_plot(result: Calibration) -> dict[str, Any]:
+    rms = np.array([i.reprojection_rms_px for i in result.iterations])
+    step = np.arange(len(rms), dtype=np.float64)
+    span = max(float(rms.max() - rms.min()), 0.02)
+    ink = {"stroke": AXIS_INK, "grid": {"stroke": GRID_INK, "width": 1}, "ticks": {"show": False}}
+    font = "11px system-ui, sans-serif"
+    color = palette.css(palette.RAW)
+    return {
+        "data": (step, rms),
+        "series": (
+            {"label": "step"},
+            {"label": "corners px", "stroke": color, "width": 2, "points": {"show": True, "size": 5}},
+        ),
+        "scales": {
+            "x": {"time": False, "range": (0.0, max(float(step[-1]), 1.0))},
+            "y": {"range": (float(rms.min()) - 0.2 * span, float(rms.max()) + 0.2 * span)},
+        },
+        "axes": (
+            {**ink, "size": 22, "font": font},
+            {**ink, "size": 44, "font": font, "label": "corners px", "labelSize": 16, "labelFont": font},
+        ),
+        "legend": {"show": False},
+        "height": 120,
+        "padding": (6, 10, 2, 0),
+    }
+
+
+class ExportPanel:
+    """Files, the ROS 2 command, and the command that reproduces the result."""
+
+    def __init__(self, page: LidarPage) -> None:
+        gui, self._page = page.gui, page
+        gui.add_markdown("The solved result with the ticks as they are; a nudge is not exported.")
+        for label, name, make in (
+            ("Calibration, JSON", "calibration.json", self._calibration),
+            ("Overlay of this pair, PNG", "overlay.png", self._overlay),
+            ("ROS 2 static transform, sh", "static_transform.sh", self._ros2),
+        ):
+            page.on_download(gui.add_button(label), name, make)
+        self._copy_ros2, self._ros2_text = gui.add_html(""), gui.add_markdown("")
+        self._copy_line, self._line = gui.add_html(""), gui.add_markdown("")
+        self._shown: Calibration | None = None
+
+    def _solved(self) -> tuple[Detection, Calibration]:
+        now = self._page.session.snapshot
+        if now.detection is None or now.result is None:
+            raise OutputError(
+                "no result yet", "export", "wait until the boards are found, and tick some pairs"
+            )
+        return now.detection, now.result
+
+    def _calibration(self) -> bytes:
+        detection, result = self._solved()
+        with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
+            path = Path(folder) / "calibration.json"
+            report.write(result, path, detection.estimated_rms_px)
+            return path.read_bytes()
+
+    def _overlay(self) -> bytes:
+        detection, result = self._solved()
+        observation = detection.observations[self._page.session.snapshot.wish.pair]
+        files = self._page.session.files(observation.name)
+        if files.picture is None or files.cloud is None:
+            raise OutputError("no overlay of this pair", observation.name, files.problem or "choose another")
+        drawn = before_and_after(files.picture, files.cloud, result, observation, detection.board)
+        ok, data = cv2.imencode(".png", drawn)
+        if not ok:
+            raise OutputError("picture cannot be encoded", observation.name, "choose another pair")
+        return bytes(data.tobytes())
+
+    def _ros2(self) -> bytes:
+        return f"#!/bin/sh\n{self._solved()[1].ros2_static_transform()}\n".encode()
+
+    def update(self, snapshot: LidarSnapshot) -> None:
+        """Show the commands of a new result."""
+        if snapshot.result is None or snapshot.result is self._shown:
+            return
+        self._shown = snapshot.result
+        ros2 = snapshot.result.ros2_static_transform()
+        self._copy_ros2.content = copy_button("Copy the ROS 2 command", ros2)
+        self._ros2_text.content = f"```\n{ros2}\n```\nParent: the camera's optical frame; child: the LiDAR."
+        line = command(self._page.session.path, snapshot.solved_for)
+        self._copy_line.content = copy_button("Copy the command that reproduces this", line)
+        self._line.content = f"```\n{line.replace('`', ' ')}\n```"
+
+
+def command(path: Path, excluded: frozenset[str]) -> str:
+    """The command line that gives the result on show."""
+    parts = ["stereocalib", "lidar-camera", str(path), "--out", f"{path.resolve().name}-calibration"]
+    if excluded:
+        parts += ["--exclude", ",".join(sorted(excluded))]
+    return shlex.join(parts)

@@ -1,0 +1,199 @@
+"""What each command does: reads its arguments, calls the core, prints a summary.
+
+Every function returns None, or why the result must not be trusted. Heavy imports are inside, so that a
+command loads only what it needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from stereocalib_app.cli.arguments import EXPERIMENTS, SYNTH_KEYS
+from stereocalib_app.cli.progress import terminal_progress
+from stereocalib_core.errors import SourceError
+
+
+def demo(arguments: argparse.Namespace) -> str | None:
+    """The app on the synthetic drive."""
+    keys = [] if arguments.frames is None else [f"frames={arguments.frames}"]
+    keys += [f"fault={fault}" for fault in arguments.fault]
+    _serve("synthetic:town" + ("?" if keys else "") + "&".join(keys), arguments)
+    return None
+
+
+def view(arguments: argparse.Namespace) -> str | None:
+    """The app on any source."""
+    _serve(arguments.source, arguments)
+    return None
+
+
+def _serve(spec: str, arguments: argparse.Namespace) -> None:
+    from stereocalib_core.run.tolerance import read_tolerances
+
+    limits = read_tolerances(arguments.tolerance) if arguments.tolerance else {}
+    settings = importlib.import_module("stereocalib_app.drive.page_words").from_words(arguments.set)
+    server = importlib.import_module("stereocalib_app.drive.serve")
+    how = server.Opening(limits=limits, tolerance=arguments.tolerance, settings=settings, frame=arguments.at)
+    server.serve(spec, arguments.host, arguments.port, how)
+
+
+def run(arguments: argparse.Namespace) -> str | None:
+    """One drive from end to end."""
+    from stereocalib_core import config as settings
+    from stereocalib_core.files.io import read_rig
+    from stereocalib_core.run.drive import run_drive
+    from stereocalib_core.run.tolerance import read_tolerances
+
+    config = settings.load(arguments.config) if arguments.config else settings.PipelineConfig()
+    if arguments.method:
+        config = dataclasses.replace(config, method=arguments.method)
+    rig = read_rig(arguments.rig) if arguments.rig else None
+    tolerances = read_tolerances(arguments.tolerance) if arguments.tolerance else None
+    with terminal_progress() as progress:
+        report = run_drive(
+            arguments.source,
+            arguments.out,
+            arguments.frames,
+            config,
+            rig,
+            tolerances,
+            rrd=arguments.rrd,
+            rerun=arguments.rerun,
+            overwrite=arguments.overwrite,
+            resume=arguments.resume,
+            progress=progress,
+        )
+    _print_run(report, arguments.out)
+    return report["why_not"]  # type: ignore[no-any-return]
+
+
+def _print_run(report: dict[str, Any], out: Path) -> None:
+    speed = report["frames_per_second"]
+    print(f"{report['frames_ok']} of {report['frames']} frames ok, {speed:.1f} a second, {out}/report.json")
+    for key, label, unit in (
+        ("height_m", "height", "m"),
+        ("pitch_deg", "pitch", "deg"),
+        ("roll_deg", "roll", "deg"),
+    ):
+        block = report[key]
+        if block["median"] is not None:
+            print(f"  {label:<7} {block['median']:8.4f} {unit:<3}  std {block['std']:.4f}")
+    if report["yaw_deg"] is not None:
+        print(f"  yaw     {report['yaw_deg']:8.4f} deg  sigma {report['yaw_sigma_deg'] or float('nan'):.4f}")
+    best = report["odometry"].get("autocalibrated")
+    if best and best.get("path_m") is not None:
+        line = f"  path    {best['path_m']:8.2f} m"
+        if best.get("final_translation_m") is not None:
+            line += f"    final error {best['final_translation_m']:.2f} m"
+            line += f", {best['final_translation_percent']:.2f} %"
+        print(line)
+    for text in report["notices"]:
+        print(f"  note: {text}")
+
+
+def compare(arguments: argparse.Namespace) -> str | None:
+    """Two runs side by side."""
+    import json
+
+    from stereocalib_core.run.compare import compare_runs, describe
+
+    difference = compare_runs(arguments.run_a, arguments.run_b)
+    print(json.dumps(difference, indent=2) if arguments.json else describe(difference))
+    return None
+
+
+def synth(arguments: argparse.Namespace) -> str | None:
+    """A synthetic drive to files."""
+    from stereocalib_core.files.output_folder import new_output
+
+    options = {key: value for key in SYNTH_KEYS if (value := getattr(arguments, key)) is not None}
+    synthetic = importlib.import_module("stereocalib_core.simulator")
+    with (
+        new_output(arguments.out, ("sequences", "poses"), arguments.overwrite) as out,
+        terminal_progress() as bar,
+    ):
+        synthetic.synth(out, arguments.name, options, arguments.fault, bar)
+    print(f"{arguments.out}/sequences/00")
+    return None
+
+
+def experiments(arguments: argparse.Namespace) -> str | None:
+    """The papers' experiments."""
+    from stereocalib_core.files.output_folder import new_output
+
+    names = EXPERIMENTS if arguments.name == "all" else (arguments.name,)
+    owned = tuple(f"{name}*.{suffix}" for name in EXPERIMENTS for suffix in ("json", "md", "png"))
+    with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
+        for name in names:
+            module = importlib.import_module(f"stereocalib_core.experiments.{name.replace('-', '_')}")
+            module.run(out, arguments.source, progress)
+    for name in names:
+        print(f"{arguments.out}/{name}.json")
+    return None
+
+
+def lidar_camera(arguments: argparse.Namespace) -> str | None:
+    """A camera against a LiDAR."""
+    from stereocalib_core.files.output_folder import new_output
+
+    _need_folder(arguments.folder)
+    package = importlib.import_module("stereocalib_core.boards")
+    owned = ("calibration.json", "overlay_*.png", "boards.png", "iterations.png", "residuals.png")
+    with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
+        stages = None if progress is None else lambda what, done, total: progress(done, total, what)
+        result = package.run(
+            arguments.folder, out, arguments.pairs, arguments.exclude, arguments.cropped, stages
+        )
+    print(f"{arguments.out}/calibration.json")
+    degenerate = result.observability.verdict == "degenerate"
+    return str(result.observability.why) if degenerate else None
+
+
+def view_lidar(arguments: argparse.Namespace) -> str | None:
+    """The app on chessboard poses."""
+    _need_folder(arguments.folder)
+    importlib.import_module("stereocalib_app.boards.serve").serve(
+        arguments.folder, arguments.host, arguments.port
+    )
+    return None
+
+
+def _need_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        raise SourceError("no such folder", folder, "name one with images/ clouds/ camera.yaml board.yaml")
+
+
+def batch(arguments: argparse.Namespace) -> str | None:
+    """Many drives."""
+    from stereocalib_core.run.batch import run_batch
+
+    with terminal_progress() as progress:
+        summary = run_batch(
+            arguments.sources,
+            arguments.out,
+            workers=arguments.workers,
+            scheduler=arguments.scheduler,
+            method=arguments.method,
+            overwrite=arguments.overwrite,
+            progress=progress,
+        )
+    print(f"{summary.done} of {summary.total} drives done, {arguments.out}/summary.md")
+    return summary.warning
+
+
+COMMANDS: dict[str, Callable[[argparse.Namespace], str | None]] = {
+    "demo": demo,
+    "view": view,
+    "run": run,
+    "compare": compare,
+    "synth": synth,
+    "experiments": experiments,
+    "lidar-camera": lidar_camera,
+    "view-lidar": view_lidar,
+    "batch": batch,
+}

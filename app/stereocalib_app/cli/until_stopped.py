@@ -1,0 +1,25 @@
+"""Says where a page is served, and waits for Ctrl-C."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import viser
+
+from stereocalib_app.server.security import LOCAL_NAMES
+
+
+def until_stopped(server: viser.ViserServer, host: str) -> None:
+    """Print the page's address, and a warning where other machines reach it; ends by KeyboardInterrupt only."""
+    shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
+    if host not in LOCAL_NAMES:
+        sys.stderr.write(
+            f"stereocalib: warning: the page listens on {host}: whoever reaches this machine can see and "
+            "steer it\n"
+        )
+    sys.stdout.write(f"http://{shown}:{server.get_port()}\n")
+    sys.stdout.flush()
+    while True:
+        # Short naps: a Ctrl-C just before a long one would only be seen at its end.
+        time.sleep(0.2)

@@ -1,0 +1,43 @@
+"""What every way of opening a drive needs: a part of it, and its mount held against limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from stereocalib_core.frames import FrameSource, Recording, StereoFrame
+from stereocalib_core.results import DriveAnalysis
+from stereocalib_core.run.drive import cut_truth
+from stereocalib_core.run.tolerance import Tolerance, judged
+
+Limits = Mapping[str, Tolerance]
+NO_LIMITS: Limits = MappingProxyType({})
+
+
+def part_of(source: FrameSource, start: int, stop: int) -> FrameSource:
+    """Frames start...stop - 1 of a drive as a drive of its own."""
+    if (start, stop) == (0, len(source)):
+        return source
+
+    def load(index: int) -> StereoFrame:
+        return replace(source[start + index], index=index)
+
+    return Recording(
+        source.name,
+        source.camera,
+        source.timestamps_s[start:stop],
+        load,
+        cut_truth(source.ground_truth, start, stop),
+        source.notices,
+        source.T_camera_lidar,
+        f"{source.content_key}:{start}:{stop}",
+    )
+
+
+def judged_analysis(analysis: DriveAnalysis, limits: Limits) -> DriveAnalysis:
+    """The analysis with its mount held against the limits, where there are any."""
+    mount = analysis.report.get("mount")
+    if not limits or not mount:
+        return analysis
+    return replace(analysis, report={**analysis.report, "mount": judged(mount, limits)})

@@ -1,0 +1,268 @@
+"""One page: shared by all browsers that follow the lead, or owned by one browser that explores on its own.
+
+`api` is viser's server or one of its clients; both have `gui`, `scene`, `atomic()` and `flush()`.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panels.header import HeaderPanel
+from stereocalib_app.drive.panels.timeline import TimelinePanel
+from stereocalib_app.drive.panels.views import ViewsPanel
+from stereocalib_app.drive.path_state import PathBook
+from stereocalib_app.drive.scene_part import ScenePart
+from stereocalib_app.drive.session import Session
+from stereocalib_app.drive.settings import Settings
+from stereocalib_app.drive.viewpoint import FOLLOWING, place_camera
+from stereocalib_app.server.clock import ClockState, Playback
+from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.files.io import SavedRun
+from stereocalib_core.geometry import Extrinsics
+
+if TYPE_CHECKING:
+    from stereocalib_app.server.hub import Hub
+
+LOG = logging.getLogger(__name__)
+TICKS_AHEAD = 4
+CHOICES = 8
+"""So many frames back a picture is taken that is ready rather than one that must be made first."""
+
+
+class Page:
+    """Owns its clock, its settings, its panels and its part of the scene."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        api: Any,
+        session: Session,
+        name: str,
+        owner: int | None = None,
+        settings: Settings | None = None,
+    ) -> None:
+        self.hub, self.api, self.session, self.name, self.owner = hub, api, session, name, owner
+        self.gui = api.gui
+        self.settings = settings or Settings()
+        self.compared: SavedRun | None = None
+        self._roots: list[Any] = []
+        self._last: tuple[int, int, Settings, ClockState, int] | None = None
+        self._revision = 0
+        self._acting = threading.RLock()
+        self._closed = False
+        self._book = PathBook(session.source.ground_truth)
+        self.playback = Playback(
+            session.source.timestamps_s,
+            lambda: len(session.snapshot.results),
+            lambda: session.snapshot.failures(),
+            self._tick,
+            self._choose,
+        )
+        with api.atomic():
+            self.views = ViewsPanel(self)
+            self.header = HeaderPanel(self)
+            self.timeline = TimelinePanel(self)
+            self.scene = ScenePart(self)
+
+    def start(self) -> None:
+        """Start the clock."""
+        self.playback.start()
+
+    def close(self) -> None:
+        """Stop the clock and take the page's elements away."""
+        self._closed = True
+        self.playback.close()
+        with self.api.atomic():
+            self.scene.close()
+            for handle in self._roots:
+                handle.remove()
+
+    def detach_for_good(self) -> None:
+        """The browser has gone: forget its elements without speaking to it."""
+        self._closed = True
+        self._roots.clear()
+
+    def add_panel(self) -> Any:
+        """A movable panel that belongs to this page."""
+        return self.add_root(self.gui.add_panel())
+
+    def add_root(self, handle: Any) -> Any:
+        """Remember an outermost element, to hide or remove it with the page."""
+        self._roots.append(handle)
+        return handle
+
+    @property
+    def root_ids(self) -> list[str]:
+        """Identifiers of everything to hide in a browser that leaves this page."""
+        return [handle._impl.uuid for handle in self._roots]
+
+    def on_input(self, handle: Any, action: Callable[[Any], Any]) -> None:
+        """Run `action(value)` when a person (not the program) changes an input."""
+
+        @handle.on_update
+        def _(event: Any) -> None:
+            if event.client_id is not None:
+                self.run_for_client(event, lambda _client: self._one_by_one(action, handle.value))
+
+    def on_click(self, handle: Any, action: Callable[[Any], Any]) -> None:
+        """Run `action(value)` when a person presses a button or one of a group."""
+
+        @handle.on_click
+        def _(event: Any) -> None:
+            if event.client_id is not None:
+                value = getattr(handle, "value", None)
+                self.run_for_client(event, lambda _client: self._one_by_one(action, value))
+
+    def _one_by_one(self, action: Callable[[Any], Any], value: Any) -> None:
+        """viser calls back from many threads: what reads and writes the settings must not interleave."""
+        with self._acting:
+            action(value)
+
+    def run_command(self, run: Callable[[Page], Any]) -> None:
+        """Run a command of the palette on this page."""
+        self._one_by_one(run, self)
+
+    def run_for_client(self, event: Any, action: Callable[[Any], Any]) -> None:
+        """What a person asked for: refused for followers while the lead is held, errors told kindly."""
+        client = event.client
+        if self._closed or client is None:
+            return
+        if not self.hub.may_steer(self, event.client_id):
+            client.add_notification(
+                "The lecturer leads",
+                "Choose “Explore on my own” below to move freely.",
+                auto_close_seconds=6.0,
+            )
+            self.refresh()
+            return
+        try:
+            action(client)
+        except StereoCalibError as error:
+            LOG.info("%s", error)
+            body = f"{error.what}: {error.where}. {error.remedy}"
+            client.add_notification("That did not work", body, color="red", auto_close_seconds=15.0)
+
+    def change(self, **changes: Any) -> None:
+        """Change settings and show the result."""
+        with self._acting:
+            self.settings = replace(self.settings, **changes)
+        self.playback.poke()
+
+    def set_follow(self, follow: bool) -> None:
+        """Follow the car, or stand back so far that the whole drive is in sight."""
+        self.change(follow=follow)
+        view = FOLLOWING if follow else self.scene.overview()
+        for client in self.hub.viewers(self):
+            place_camera(client, view)
+
+    def seek_failure(self, direction: int) -> None:
+        """Go to the next (+1) or previous (-1) failed frame, and say so where that leads round the end of the
+        drive, or where there is none."""
+        before = self.playback.state.frame
+        found = self.playback.seek_failure(direction)
+        if found is None:
+            snapshot = self.session.snapshot
+            computed = "" if snapshot.done else f" of the {100 * snapshot.progress:.0f} % computed so far"
+            self._notify("No failed frame", f"Every frame{computed} is ok.")
+        elif found == before:
+            self._notify("The only failed frame", f"No other frame than {found} has failed.")
+        elif (found > before) != (direction > 0):
+            first_or_last = "first" if direction > 0 else "last"
+            self._notify("Round the end", f"Frame {found} is the {first_or_last} that failed.")
+
+    def _notify(self, title: str, words: str) -> None:
+        """Tell every browser that shows this page."""
+        for client in self.hub.viewers(self):
+            client.add_notification(title, words, auto_close_seconds=5.0)
+
+    def set_compared(self, run: SavedRun | None) -> None:
+        """Lay another run beside this one."""
+        self.compared = run
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show everything again, also what the page believes to be on show already."""
+        self._revision += 1
+        self.playback.poke()
+
+    @property
+    def shown_frame(self) -> int:
+        """The frame that was shown last, -1 before the first."""
+        return -1 if self._last is None else self._last[0]
+
+    def _live_road(self, frame: int, settings: Settings) -> Extrinsics | None:
+        """The road as the page's corrections see it, None while they are untouched."""
+        paths = self.session.snapshot.paths
+        if paths is None or not settings.corrections.touched:
+            return None
+        return paths.road_at(frame, settings.corrections)
+
+    def _tick(self, clock: ClockState) -> None:
+        """Called by the clock's worker only."""
+        snapshot, settings, last = self.session.snapshot, self.settings, self._last
+        key = (clock.frame, snapshot.version, settings, clock, self._revision)
+        if self._closed or key == last:
+            return
+        frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
+        settings_changed = last is None or last[2] != settings or last[4] != self._revision
+        drive_changed = last is None or last[1] != snapshot.version
+        if self.session.tracks:
+            paths = self._book.state(snapshot.paths, settings.corrections)
+        else:
+            paths = self._book.saved(None if snapshot.analysis is None else snapshot.analysis.poses)
+        moment = Moment(
+            session=self.session,
+            snapshot=snapshot,
+            clock=clock,
+            settings=settings,
+            view=None,
+            paths=paths,
+            compared=self.compared,
+            frame_changed=frame_changed,
+            drive_changed=drive_changed,
+            settings_changed=settings_changed,
+        )
+        if settings_changed and not frame_changed:
+            # The path follows a slider at once; the pictures come right after it.
+            with self.api.atomic():
+                self.scene.show_paths(moment)
+            self.api.flush()
+        if last is None:
+            # The first picture may take seconds (a world to be built): the page can be used before.
+            self._show(moment)
+        if frame_changed or settings_changed:
+            views = self.session.views_with(settings.broken_stage)
+            live = self._live_road(clock.frame, settings)
+            view = views.get(clock.frame, settings.layout, live, clock.playing)
+            moment = replace(moment, view=view)
+        self._show(moment)
+        self._last = key
+        self._make_ahead(settings)
+
+    def _show(self, moment: Moment) -> None:
+        """Everything of one moment in one window of messages."""
+        with self.api.atomic():
+            for part in (self.views, self.header, self.timeline, self.scene):
+                part.update(moment)
+        self.api.flush()
+
+    def _choose(self, after: int, due: int) -> int:
+        """The newest frame up to the one that is due whose picture is made already, else the due one."""
+        settings = self.settings
+        views = self.session.views_with(settings.broken_stage)
+        for frame in range(due, max(after, due - CHOICES), -1):
+            if views.has(frame, settings.layout, self._live_road(frame, settings), moving=True):
+                return frame
+        return due
+
+    def _make_ahead(self, settings: Settings) -> None:
+        """While playing, have the next pictures made while this one travels."""
+        frames = self.playback.upcoming(TICKS_AHEAD)
+        if frames and not self._closed:
+            views = self.session.views_with(settings.broken_stage)
+            views.make_ahead([(f, self._live_road(f, settings)) for f in frames], settings.layout)

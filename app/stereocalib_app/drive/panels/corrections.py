@@ -1,0 +1,138 @@
+"""Corrections: how much of each angle is used, an error injected on purpose, and the path that follows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.settings import ERROR_LIMIT_DEG, ERROR_LIMIT_M, MODELS, SOURCES, Corrections
+from stereocalib_app.widgets import palette, text
+
+if TYPE_CHECKING:
+    from stereocalib_app.drive.page import Page
+
+AXES = ("yaw", "pitch", "roll", "height")
+
+
+def error_field(axis: str) -> str:
+    """The field of `Corrections` that holds an axis' injected error."""
+    return "height_error_m" if axis == "height" else f"{axis}_error_deg"
+
+
+class CorrectionsPanel:
+    """Lives in a tab of the main panel."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        gui = page.gui
+        self._previous = Corrections()
+        self._strength: dict[str, Any] = {}
+        self._error: dict[str, Any] = {}
+        words = "How much of each estimate the odometry uses, and an error put in on purpose."
+        if not page.session.tracks:
+            words = "This run holds no tracks to correct. Open the drive itself to try corrections."
+        gui.add_markdown(words)
+        for axis in AXES:
+            unit, limit, step = (
+                ("m", ERROR_LIMIT_M, 0.005) if axis == "height" else ("°", ERROR_LIMIT_DEG, 0.01)
+            )
+            self._strength[axis] = gui.add_slider(
+                f"{axis} used %",
+                0,
+                100,
+                1,
+                100,
+                hint=f"0 % takes the {axis} as {'the median of the drive' if axis == 'height' else 'zero'}.",
+            )
+            self._error[axis] = gui.add_slider(
+                f"{axis} added {unit}", -limit, limit, step, 0.0, hint=f"Added to the {axis} in every frame."
+            )
+            page.on_input(self._strength[axis], partial(self._set_strength, axis))
+            page.on_input(self._error[axis], partial(self._set_error, error_field(axis)))
+        self._source = gui.add_dropdown(
+            "Extrinsics", SOURCES, initial_value="filtered", hint="After the filter, or each pair alone."
+        )
+        self._model = gui.add_dropdown(
+            "Motion",
+            MODELS,
+            initial_value="full",
+            hint="full: six degrees of freedom. planar: on the plane. nonholonomic: no side slip at the rear axle.",
+        )
+        self._buttons = gui.add_button_group(
+            "", ("A / B", "Reset"), hint="A / B swaps with the setting before the last change."
+        )
+        self._state = gui.add_markdown("")
+        page.on_input(self._source, lambda value: self.set(source=value))
+        page.on_input(self._model, lambda value: self.set(model=value))
+        page.on_click(self._buttons, lambda value: self.reset() if value == "Reset" else self.swap())
+
+    def _set_strength(self, axis: str, percent: float) -> None:
+        self.set(**{f"{axis}_strength": percent / 100.0})
+
+    def _set_error(self, name: str, value: float) -> None:
+        self.set(**{name: float(value)})
+
+    def set(self, **changes: Any) -> None:
+        """Change some corrections; the first of a series of changes to the same field is kept for A / B."""
+        now = self._page.settings.corrections
+        new = replace(now, **changes)
+        fields = {k for k in vars(now) if getattr(now, k) != getattr(new, k)}
+        last = {k for k in vars(now) if getattr(now, k) != getattr(self._previous, k)}
+        if fields != last:
+            self._previous = now
+        self._page.change(corrections=new)
+
+    def replace_all(self, corrections: Corrections) -> None:
+        """Take over a whole setting."""
+        self._previous = self._page.settings.corrections
+        self._page.change(corrections=corrections)
+
+    def toggle(self, axis: str) -> None:
+        """Switch one correction between 0 and 100 %."""
+        now = getattr(self._page.settings.corrections, f"{axis}_strength")
+        self.set(**{f"{axis}_strength": 0.0 if now > 0 else 1.0})
+
+    def swap(self) -> None:
+        """A / B against the previous setting."""
+        now = self._page.settings.corrections
+        self._page.change(corrections=self._previous)
+        self._previous = now
+
+    def reset(self) -> None:
+        """Back to the plain result."""
+        self.replace_all(Corrections())
+
+    def update(self, moment: Moment) -> None:
+        """Show what is set."""
+        if not moment.settings_changed:
+            return
+        c = moment.settings.corrections
+        for axis in AXES:
+            self._strength[axis].value = round(100 * getattr(c, f"{axis}_strength"))
+            self._error[axis].value = getattr(c, error_field(axis))
+        self._source.value, self._model.value = c.source, c.model
+        live = f'<span style="color:{palette.css(palette.LIVE)}">▬</span>'
+        self._state.content = (
+            f"{live} **live: {text.escape(describe(c))}**" if c.touched else "live: as measured"
+        )
+
+
+def describe(corrections: Corrections) -> str:
+    """The corrections in words."""
+    plain = Corrections()
+    parts = []
+    for axis in AXES:
+        strength = getattr(corrections, f"{axis}_strength")
+        if strength != 1.0:
+            parts.append(f"{axis} {100 * strength:.0f} %")
+        unit = "m" if axis == "height" else "°"
+        error = getattr(corrections, error_field(axis))
+        if error:
+            parts.append(f"{axis} {error:+.3g} {unit}")
+    if corrections.source != plain.source:
+        parts.append(corrections.source)
+    if corrections.model != plain.model:
+        parts.append(corrections.model)
+    return ", ".join(parts) or "as measured"

@@ -1,0 +1,74 @@
+"""Open another drive from the page: a path below the root that the server was given, or a small zip."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from stereocalib_app.drive import exports
+from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.summary import difference_table
+from stereocalib_app.widgets import text
+from stereocalib_app.widgets.tables import note
+from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.files.io import SavedRun
+
+if TYPE_CHECKING:
+    from stereocalib_app.drive.page import Page
+
+
+class OpenPanel:
+    """A tab of the main panel."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        gui = page.gui
+        root = page.hub.library.root
+        gui.add_markdown(
+            "A folder (KITTI odometry, KITTI raw, plain `left/ right/ camera.yaml`), an earlier run, or "
+            f"`synthetic`. Paths are read below\n\n{text.code(root, 120)}"
+        )
+        self._path = gui.add_text(
+            "Source", "", hint="A path below the folder above, or synthetic:town?frames=200"
+        )
+        self._open = gui.add_button("Open")
+        self._upload = gui.add_upload_button(
+            "Upload a zip",
+            mime_type=".zip,application/zip",
+            hint="A plain folder or KITTI sequence, at most 200 MB.",
+        )
+        self._state = gui.add_markdown("")
+        with gui.add_folder("Compare with an earlier run"):
+            self._compare = gui.add_text(
+                "Run", "", hint="The output folder of an earlier run; empty takes it away."
+            )
+            self._lay = gui.add_button("Compare side by side")
+            self._difference = gui.add_html("")
+        self._compared: SavedRun | None = None
+        self._done = False
+        page.on_click(self._open, lambda _: page.hub.open(page, self._path.value))
+        page.on_click(self._lay, lambda _: page.hub.compare(page, self._compare.value))
+
+        @self._upload.on_upload
+        def _(event: Any) -> None:
+            page.run_for_client(event, lambda _client: page.hub.open_upload(page, event.target.value))
+
+    def update(self, moment: Moment) -> None:
+        """Say what the source lacks."""
+        if moment.drive_changed:
+            notices = moment.session.source.notices
+            self._state.content = "\n".join(f"- {text.escape(line)}" for line in notices[:12])
+        if moment.compared is not self._compared or (
+            moment.compared is not None and moment.snapshot.done != self._done
+        ):
+            self._compared, self._done = moment.compared, moment.snapshot.done
+            self._difference.content = (
+                "" if moment.compared is None else self._compare_html(moment, moment.compared)
+            )
+
+    def _compare_html(self, moment: Moment, other: SavedRun) -> str:
+        try:
+            return difference_table(
+                exports.difference(moment.session, moment.snapshot, moment.settings, other.folder)
+            )
+        except StereoCalibError as error:
+            return note(str(error))

@@ -1,0 +1,278 @@
+"""The time line: transport, the numbers of the frame, and height, pitch and roll over time."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panels.errors import ErrorsPanel
+from stereocalib_app.drive.session import Snapshot
+from stereocalib_app.widgets import chart as plots
+from stereocalib_app.widgets import palette, text
+from stereocalib_app.widgets.chart import Chart, Curve
+from stereocalib_app.widgets.style import chosen, style_sheet
+from stereocalib_app.widgets.tables import numbers_table
+from stereocalib_core.files.io import SavedRun
+from stereocalib_core.geometry import Extrinsics
+
+if TYPE_CHECKING:
+    from stereocalib_app.drive.page import Page
+
+AXES = ("height", "pitch", "roll")
+UNITS = (" m", "°", "°")
+DIGITS = (3, 3, 3)
+LEAST_SPAN = (0.12, 0.4, 0.4)
+TRANSPORT = ("◀ failure", "◀ step", "play", "step ▶", "failure ▶")
+TRANSPORT_PLAYING = tuple("pause" if name == "play" else name for name in TRANSPORT)
+SPEEDS = ("¼×", "½×", "1×", "2×", "4×")
+SPEED_OF = dict(zip(SPEEDS, (0.25, 0.5, 1.0, 2.0, 4.0), strict=True))
+SPEED_NAME = {speed: name for name, speed in SPEED_OF.items()}
+PLOT_PX = 58
+NOW_PX = 3 * PLOT_PX - 4
+"""Height of the line at `now`, over all three plots."""
+
+
+def axis_values(values: np.ndarray) -> np.ndarray:
+    """(N, 3) height [m], pitch, roll [rad] in the units of the page (m, degrees)."""
+    out = np.array(values, dtype=np.float64)
+    out[:, 1:] = np.rad2deg(out[:, 1:])
+    return out
+
+
+def raw_values(snapshot: Snapshot) -> np.ndarray:
+    """(total, 3) height [m], pitch, roll [deg] of the frames computed so far, NaN elsewhere."""
+    out = np.full((snapshot.total, 3), np.nan)
+    for result in snapshot.results:
+        if result.road is not None:
+            e = result.road.extrinsics
+            out[result.frame] = e.height_m, e.pitch_deg, e.roll_deg
+    return out
+
+
+def saved_values(run: SavedRun | None, total: int) -> np.ndarray:
+    """(total, 3) filtered height [m], pitch, roll [deg] of another run, NaN where it has none."""
+    out = np.full((total, 3), np.nan)
+    if run is not None:
+        frames = np.asarray(run.extrinsics["frame"], dtype=np.int64)
+        inside = (frames >= 0) & (frames < total)
+        for axis, name in enumerate(("height_filtered_m", "pitch_filtered_deg", "roll_filtered_deg")):
+            out[frames[inside], axis] = np.asarray(run.extrinsics[name])[inside]
+    return out
+
+
+def extrinsics_charts(
+    snapshot: Snapshot,
+    truth: np.ndarray | None,
+    previous: list[tuple[float, float]] | None,
+    compared: SavedRun | None = None,
+) -> list[Chart]:
+    """One chart per axis: this pair as dots, filtered with its sigma band, truth, failed spans."""
+    x = np.arange(max(snapshot.total, 2), dtype=np.float64)
+    raw = np.full((len(x), 3), np.nan)
+    raw[: snapshot.total] = raw_values(snapshot)
+    failed = np.zeros(len(x), dtype=bool)
+    failed[snapshot.failures()] = True
+    filtered = np.full((len(x), 3), np.nan)
+    sigma = np.zeros((len(x), 3))
+    if snapshot.analysis is not None and snapshot.analysis.filtered is not None:
+        known = snapshot.analysis.filtered
+        filtered[: len(known.state)] = axis_values(known.values)
+        sigma[: len(known.state)] = axis_values(known.sigma)
+    other = saved_values(compared, len(x))
+    charts = []
+    for axis, name in enumerate(AXES):
+        true_values = np.zeros(0) if truth is None else axis_values(truth[:, :3])[:, axis]
+        y_range = plots.fixed_range(
+            np.concatenate([raw[:, axis], filtered[:, axis], true_values]),
+            LEAST_SPAN[axis],
+            None if previous is None else previous[axis],
+        )
+        low = y_range[0]
+        held = plots.unbridged(filtered[:, axis], low)
+        top, bottom = plots.failed_band(failed, y_range)
+        curves = [
+            Curve("failed", top, palette.FAILED, hidden=True, step=True),
+            Curve("", bottom, palette.FAILED, hidden=True, step=True),
+            Curve("+σ", held + sigma[:, axis], palette.FILTERED, hidden=True),
+            Curve("−σ", held - sigma[:, axis], palette.FILTERED, hidden=True),
+            Curve("this pair", raw[:, axis], palette.RAW, dots=True),
+            Curve("filtered", held, palette.FILTERED, width=2.0),
+            Curve("compared", plots.unbridged(other[:, axis], low), palette.COMPARED, dash=(6, 3)),
+        ]
+        if truth is not None:
+            shown = np.full(len(x), np.nan)
+            shown[: len(truth)] = axis_values(truth[:, :3])[: len(x), axis]
+            curves.append(Curve("truth", plots.unbridged(shown, low), palette.TRUTH, dash=(4, 4)))
+        bands = ((0, 1, palette.css(palette.FAILED, 0.30)), (2, 3, palette.css(palette.FILTERED, 0.28)))
+        label = f"{name} {UNITS[axis].strip()}"
+        charts.append(Chart(x, tuple(curves), bands, y_range, label, edges=plots.edges(failed)))
+    return charts
+
+
+def legend_line(with_truth: bool, with_compared: bool = False) -> str:
+    """The legend of the charts as HTML."""
+
+    def mark(symbol: str, color: palette.Rgb | str, name: str) -> str:
+        css = color if isinstance(color, str) else palette.css(color)
+        return f'<span style="margin-left:1em"><span style="color:{css}">{symbol}</span> {name}</span>'
+
+    parts = [
+        mark("●", palette.RAW, "this pair"),
+        mark("━", palette.FILTERED, "filtered ± σ"),
+        mark("█", palette.FAILED, "failed"),
+        mark("┃", plots.NOW_CSS, "now"),
+    ]
+    if with_compared:
+        parts.insert(2, mark("┅", palette.COMPARED, "other run"))
+    if with_truth:
+        parts.insert(2, mark("┅", palette.TRUTH, "truth"))
+    return f'<div style="{LEGEND}">{"".join(parts)}</div>{style_sheet()}'
+
+
+def now_table(moment: Moment) -> str:
+    """The frame's numbers as HTML: this pair and filtered, with sigma."""
+    result, filtered = moment.result, moment.filtered
+    pair: tuple[str, ...] = ("–",) * 3
+    smooth = pair
+    if result is not None and result.road is not None:
+        pair = _with_sigma(result.road.extrinsics, result.road.sigma)
+    state = "filtered"
+    if filtered is not None:
+        smooth = _with_sigma(*filtered[:2])
+        state = "predicted" if filtered[2] == "predicted" else state
+    rows = list(zip(AXES, pair, smooth, strict=True))
+    return numbers_table(f"Frame {moment.frame}", ("", "this pair", state), rows)
+
+
+def _with_sigma(e: Extrinsics, sigma: np.ndarray) -> tuple[str, ...]:
+    """Height, pitch and roll, each with its sigma."""
+    values = zip((e.height_m, e.pitch_deg, e.roll_deg), axis_values(sigma[None])[0], strict=True)
+    return tuple(
+        text.with_sigma(value, s, DIGITS[axis], UNITS[axis]) for axis, (value, s) in enumerate(values)
+    )
+
+
+def headline(moment: Moment) -> str:
+    """One line of HTML: where we are and how the frame fared."""
+    total = moment.snapshot.total
+    result = moment.result
+    time_s = float(moment.session.source.timestamps_s[moment.frame]) if total else 0.0
+    if result is None:
+        state = "not computed yet"
+    elif result.ok:
+        state = "ok"
+    else:
+        color = palette.css(palette.FAILED)
+        state = f'<b style="color:{color}">failed: {html.escape(result.reason)}</b>'
+    playing = "▶" if moment.clock.playing else "❚❚"
+    where = f"{playing} <b>Frame {moment.frame}</b> of {max(0, total - 1)} · {time_s:.2f} s · {state}"
+    speed = "" if moment.clock.speed == 1.0 else f" · {SPEED_NAME.get(moment.clock.speed, '')}"
+    return f'<p style="{HEADLINE}">{where}{speed}</p>'
+
+
+HEADLINE = (
+    "margin:0.1em 0.8em 0.3em;font-size:0.875em;line-height:1.5;white-space:nowrap;overflow:hidden;"
+    "text-overflow:ellipsis"
+)
+LEGEND = "display:flex;justify-content:flex-end;margin:-0.1em 1em -0.5em;font-size:0.75em;white-space:nowrap"
+
+
+def speed_mark(speed: float) -> str:
+    """HTML that fills in the button of a speed."""
+    return chosen(SPEEDS.index(SPEED_NAME[speed])) + style_sheet()
+
+
+class TimelinePanel:
+    """Floats at the bottom of the 3-D view."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        gui, clock = page.gui, page.playback
+        self.panel = page.add_panel()
+        self._ranges: list[tuple[float, float]] | None = None
+        self._compared: SavedRun | None = None
+        self._charts: list[Chart] = []
+        truth = page.session.source.ground_truth
+        self._truth = None if truth is None else truth.extrinsics
+        with self.panel.add_tab("Time line"):
+            self._headline = gui.add_html("")
+            self._slider = gui.add_slider(
+                "Frame", 0, max(1, clock.total - 1), 1, 0, hint="Drag, or type an exact frame number."
+            )
+            self._transport = gui.add_button_group(
+                "",
+                TRANSPORT,
+                hint="Previous failure, step back, play or pause, step on, next failure.",
+            )
+            self._legend = gui.add_html(legend_line(self._truth is not None))
+            self._plots = self._add_plots(gui)
+        with self.panel.add_tab("Path errors"):
+            self._errors = ErrorsPanel(page)
+        with self.panel.add_tab("Playback"):
+            self._chosen_speed = gui.add_html(speed_mark(1.0))
+            self._speed = gui.add_button_group("Speed", SPEEDS, hint="1× is the recording's own pace.")
+            self._loop = gui.add_checkbox("Loop", False, hint="Start over at the end of the drive.")
+            self._pause = gui.add_checkbox(
+                "Pause on failure", False, hint="Playback stops at the next frame that failed."
+            )
+            gui.add_markdown(
+                "Keys: **Space** play · **N** / **P** step · **Shift+N** / **Shift+P** ten · "
+                "**F** next failure · **Home** / **End** · **1**–**3** presets · **Ctrl+K** every command"
+            )
+        page.on_input(self._slider, lambda value: clock.seek(int(value)))
+        page.on_click(self._transport, self._on_transport)
+        page.on_click(self._speed, lambda value: clock.set_speed(SPEED_OF[value]))
+        page.on_input(self._loop, clock.set_loop)
+        page.on_input(self._pause, clock.set_pause_on_failure)
+
+    def _add_plots(self, gui: Any) -> list[Any]:
+        self._charts = extrinsics_charts(self._page.session.snapshot, self._truth, None)
+        self._ranges = [chart.y_range for chart in self._charts]
+        self._now = gui.add_html(plots.now_line(self._charts[0], 0.0, NOW_PX))
+        return [
+            gui.add_uplot(
+                plots.chart_data(chart),
+                **plots.chart_options(chart, PLOT_PX + (18 if axis == 2 else 0), show_x=axis == 2),
+            )
+            for axis, chart in enumerate(self._charts)
+        ]
+
+    def _on_transport(self, value: str) -> None:
+        clock = self._page.playback
+        if value == TRANSPORT[0]:
+            self._page.seek_failure(-1)
+        elif value == TRANSPORT[1]:
+            clock.step(-1)
+        elif value in ("play", "pause"):
+            clock.toggle()
+        elif value == TRANSPORT[3]:
+            clock.step(1)
+        else:
+            self._page.seek_failure(1)
+
+    def update(self, moment: Moment) -> None:
+        """Move `now`, and redraw the curves where the drive changed."""
+        self._headline.content = headline(moment)
+        self._legend.content = legend_line(self._truth is not None, moment.compared is not None)
+        transport = TRANSPORT_PLAYING if moment.clock.playing else TRANSPORT
+        if self._transport.options != transport:
+            self._transport.options = transport
+        self._slider.value = moment.frame
+        if moment.clock.speed in SPEED_NAME:
+            self._chosen_speed.content = speed_mark(moment.clock.speed)
+        self._loop.value = moment.clock.loop
+        self._pause.value = moment.clock.pause_on_failure
+        if moment.drive_changed or moment.compared is not self._compared:
+            self._compared = moment.compared
+            self._charts = extrinsics_charts(moment.snapshot, self._truth, self._ranges, moment.compared)
+            for plot, chart, old in zip(self._plots, self._charts, self._ranges or [], strict=False):
+                if chart.y_range != old:
+                    plot.scales = plots.chart_options(chart, PLOT_PX, False)["scales"]
+            self._ranges = [chart.y_range for chart in self._charts]
+            for plot, chart in zip(self._plots, self._charts, strict=True):
+                plot.data = plots.chart_data(chart)
+        self._now.content = plots.now_line(self._charts[0], float(moment.frame), NOW_PX)
+        self._errors.update(moment)

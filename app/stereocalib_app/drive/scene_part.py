@@ -1,0 +1,127 @@
+"""Keeps the 3-D scene of a page on the moment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.scene import Scene
+from stereocalib_app.drive.viewpoint import FOLLOWING, Viewpoint, overview
+from stereocalib_app.widgets import canvas, palette, text
+from stereocalib_core.geometry import Extrinsics
+
+if TYPE_CHECKING:
+    from stereocalib_app.drive.page import Page
+
+MARKERS = 120
+PLAYING_POINTS, RESTING_POINTS = (3, 0.10), (1, 0.06)
+"""Every how many points, and their size [m]."""
+
+
+class ScenePart:
+    """The camera over the road, its cloud, and the paths."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self.scene = Scene(page.api, page.session.source.camera, page.name)
+        self._shown_paths: tuple[Any, ...] = ()
+        self._marked: tuple[int, ...] = ()
+        self._positions: dict[str, NDArray[np.float64]] = {}
+
+    def update(self, moment: Moment) -> None:
+        """Show the frame."""
+        best = moment.best
+        if moment.view is not None:
+            # While playing a third of the points is enough to see, and a class on one page can keep up.
+            step, size_m = PLAYING_POINTS if moment.clock.playing else RESTING_POINTS
+            view = moment.view
+            self.scene.show_cloud(view.points[::step], view.colors[::step], moment.settings.cloud, size_m)
+            # Three pictures a tick would slow browsers down: while playing, the frustum stays empty.
+            self.scene.show_image(None if moment.clock.playing else moment.view.small)
+        road = None if best is None else best[0]
+        self.scene.show_road(road, self._caption(moment))
+        self.scene.place_car(self._T_world_road(moment, road), moment.settings.follow)
+        self.show_paths(moment)
+
+    def show_paths(self, moment: Moment) -> None:
+        """Redraw the paths where they, or what is shown of them, changed."""
+        state = (
+            moment.paths,
+            moment.settings.paths,
+            moment.settings.color_by_error,
+            moment.settings.markers,
+            moment.compared,
+        )
+        if len(self._shown_paths) == len(state) and all(
+            a is b for a, b in zip(state, self._shown_paths, strict=True)
+        ):
+            return
+        positions = {name: poses[:, :3, 3] for name, poses in moment.paths.poses.items()}
+        compared = moment.compared
+        if compared is not None and compared.poses is not None:
+            positions["compared"] = compared.poses[:, :3, 3]
+        self._positions = positions
+        colors = {}
+        if moment.settings.color_by_error and "autocalibrated" in moment.paths.errors:
+            errors = moment.paths.errors["autocalibrated"].miss_m
+            if errors is not None:
+                colors["autocalibrated"] = error_colors(errors, len(positions["autocalibrated"]))
+        self.scene.show_paths(positions, moment.settings.paths, colors)
+        self._show_markers(positions.get("autocalibrated"), moment.settings.markers)
+        self._shown_paths = state
+
+    def _show_markers(self, positions: NDArray[np.float64] | None, visible: bool) -> None:
+        """Pose markers, at most MARKERS of them; a click goes to the frame."""
+        if positions is None or len(positions) == 0:
+            return
+        step = max(1, int(np.ceil(len(positions) / MARKERS)))
+        frames = tuple(range(0, len(positions), step))
+        node = self.scene.show_markers(positions[list(frames)], visible)
+        self._marked = frames
+        if node is None:
+            return
+        page = self._page
+
+        @node.on_click
+        def _(event: Any) -> None:
+            index = event.instance_index
+            if index is not None and 0 <= index < len(self._marked):
+                page.run_for_client(event, lambda _client: page.playback.seek(self._marked[index]))
+
+    def overview(self) -> Viewpoint:
+        """A viewpoint with every path in sight."""
+        shown = [p for p in self._positions.values() if len(p)]
+        return overview(np.concatenate(shown)) if shown else FOLLOWING
+
+    def _caption(self, moment: Moment) -> str:
+        if not moment.settings.follow:
+            return f"frame {moment.frame}"
+        best = moment.best
+        if best is None:
+            return "no road measured" if moment.result is not None else "not computed yet"
+        e, origin = best
+        height = f"height {text.number(e.height_m, 3, ' m')}"
+        return height if origin == "this pair" else f"{height} ({origin})"
+
+    def _T_world_road(self, moment: Moment, extrinsics: Extrinsics | None) -> NDArray[np.float64]:
+        poses = moment.paths.poses.get("autocalibrated")
+        if poses is None or moment.frame >= len(poses) or not np.isfinite(poses[moment.frame]).all():
+            return np.eye(4)
+        if extrinsics is None:
+            return np.asarray(poses[moment.frame])
+        return np.asarray(poses[moment.frame] @ extrinsics.T_camera_road)
+
+    def close(self) -> None:
+        """Remove the nodes."""
+        self.scene.close()
+
+
+def error_colors(errors: NDArray[np.float64], count: int) -> NDArray[np.uint8]:
+    """(count, 3) colours by error; frames without a truth are grey."""
+    values = np.full(count, np.nan)
+    values[: min(count, len(errors))] = errors[:count]
+    top = float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
+    return canvas.colorize(values[None], 0.0, max(top, 1e-6), "viridis", palette.INK_SOFT)[0]

@@ -1,0 +1,196 @@
+"""One drive, opened: its frames go through the front end once, in the background."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_app.drive.frame_views import FrameViews
+from stereocalib_app.drive.paths import DrivePaths
+from stereocalib_app.words.lessons import broken_config
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.files.report import build_report
+from stereocalib_core.frames import FrameSource
+from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.run.drive import recall
+from stereocalib_core.sources import prefetch
+
+LOG = logging.getLogger(__name__)
+FIRST_ANALYSIS_S = 2.0
+"""The whole drive is first analysed this long after the start, then so that it takes below a tenth."""
+ANALYSIS_SHARE = 0.1
+LONGEST_WAIT_S = 8.0
+FIRST_FRAMES = 8
+"""Fewer frames are not worth an analysis."""
+
+Analyse = Callable[[Sequence[FrameResult]], DriveAnalysis | None]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What is known of a drive at some moment; `version` grows with every change.
+
+    results: of frames 0, 1, ... as far as computed. analysis, paths: of the first `analysed` of them, or None.
+    report: what report.json would say of those. problem: why the computation stopped early, or empty.
+    """
+
+    total: int
+    results: tuple[FrameResult, ...] = ()
+    analysis: DriveAnalysis | None = None
+    paths: DrivePaths | None = None
+    analysed: int = 0
+    report: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    done: bool = False
+    problem: str = ""
+    frames_per_second: float = 0.0
+    version: int = 0
+
+    @property
+    def progress(self) -> float:
+        """Share of the frames that are computed, 0...1."""
+        return len(self.results) / max(1, self.total)
+
+    def failures(self) -> NDArray[np.int64]:
+        """Numbers of the failed frames, ascending."""
+        return np.array([r.frame for r in self.results if not r.ok], dtype=np.int64)
+
+    def result(self, frame: int) -> FrameResult | None:
+        """The result of one frame, None where it is not computed yet."""
+        return self.results[frame] if frame < len(self.results) else None
+
+
+class Session:
+    """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable.
+
+    spec: the SOURCE that `run` would be given. run: the earlier run that was opened, or None.
+    finished: frames 0, 1, ... that need not be computed again. tracks: whether `finished` holds their tracks,
+    without which no path can be computed anew. notices: what the page cannot show of it.
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        config: PipelineConfig,
+        *,
+        spec: str = "",
+        analyse: Analyse | None = None,
+        finished: Sequence[Done] = (),
+        rig: Path | None = None,
+        frames: tuple[int, int] | None = None,
+        run: Path | None = None,
+        tracks: bool = True,
+        notices: tuple[str, ...] = (),
+    ) -> None:
+        self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
+        self.frames, self.run, self.tracks, self.notices = frames, run, tracks, notices
+        self._analyse = analyse
+        self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
+        self._views: dict[str, FrameViews] = {}
+        self.views = self.views_with("")
+        self._snapshot = Snapshot(total=len(source))
+        self._done = list(finished)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="front end", daemon=True)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What is known now."""
+        return self._snapshot
+
+    @property
+    def camera(self) -> Any:
+        """The camera of the source."""
+        return self.source.camera
+
+    def done_before(self, frame: int) -> list[Done]:
+        """The computed frames before `frame`, for another session of the same pictures."""
+        return self._done[:frame]
+
+    def views_with(self, broken_stage: str) -> FrameViews:
+        """The views of the drive, or of what a broken stage makes of it."""
+        if broken_stage not in self._views:
+            front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage))
+            self._views[broken_stage] = FrameViews(self.source, front_end.stages)
+        return self._views[broken_stage]
+
+    def start(self) -> None:
+        """Start computing, unless it has begun."""
+        if self._thread.ident is None:
+            self._thread.start()
+
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Stop computing after the frame in work, and wait for that at most `timeout_s`."""
+        self._stop.set()
+        for views in self._views.values():
+            views.close()
+        if self._thread.is_alive():
+            self._thread.join(timeout=timeout_s)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until the drive is computed; whether it is."""
+        self._thread.join(timeout=timeout_s)
+        return self._snapshot.done
+
+    def _publish(self, **changes: Any) -> None:
+        self._snapshot = replace(self._snapshot, version=self._snapshot.version + 1, **changes)
+
+    def _run(self) -> None:
+        started, known = time.monotonic(), len(self._done)
+        results = [done.result for done in self._done]
+        next_analysis = started + FIRST_ANALYSIS_S
+        try:
+            if 0 < known < len(self.source):
+                self._publish(results=tuple(results))
+                self._update_analysis(results)
+                recall(self._front_end, self.source, self._done)
+            for frame in prefetch(self.source, known, len(self.source)):
+                if self._stop.is_set():
+                    return
+                results.append(self._front_end.step(frame))
+                self._done.append(Done(results[-1], self._front_end.memory, 0.0))
+                elapsed = max(time.monotonic() - started, 1e-6)
+                self._publish(results=tuple(results), frames_per_second=(len(results) - known) / elapsed)
+                if time.monotonic() >= next_analysis and len(results) >= FIRST_FRAMES:
+                    spent = self._update_analysis(results)
+                    pause = min(max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE), LONGEST_WAIT_S)
+                    next_analysis = time.monotonic() + pause
+            self._publish(results=tuple(results))
+            self._update_analysis(results)
+            self._publish(done=True)
+        except StereoCalibError as error:
+            LOG.warning("%s", error)
+            self._publish(problem=str(error), done=True)
+        finally:
+            if not self._snapshot.done and not self._stop.is_set():
+                # Whatever it was is on the terminal; the page must not wait for ever.
+                self._publish(problem="the computation stopped unexpectedly: see the terminal", done=True)
+
+    def _report(self, results: Sequence[FrameResult], analysis: DriveAnalysis | None) -> Mapping[str, Any]:
+        if self.run is not None and analysis is not None:
+            return analysis.report
+        rate = self._snapshot.frames_per_second
+        elapsed_s = len(results) / rate if rate > 0 else 0.0
+        return build_report(self.spec, self.config.method, results, analysis, elapsed_s)
+
+    def _update_analysis(self, results: Sequence[FrameResult]) -> float:
+        """Recompute what needs the whole drive; returns the seconds spent."""
+        begin = time.monotonic()
+        if results:
+            analysis = None if self._analyse is None else self._analyse(tuple(results))
+            paths = DrivePaths(self.source.camera, results, analysis) if self.tracks else None
+            self._publish(
+                analysis=analysis, paths=paths, analysed=len(results), report=self._report(results, analysis)
+            )
+        return time.monotonic() - begin

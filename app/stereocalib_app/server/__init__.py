@@ -1,0 +1,1 @@
+"""What every page shares: browsers, the clock, security."""

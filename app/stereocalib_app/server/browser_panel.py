@@ -1,0 +1,61 @@
+"""What belongs to one browser alone: light or dark, following the lead or exploring, holding the lead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from stereocalib_app.widgets import palette
+
+if TYPE_CHECKING:
+    from stereocalib_app.server.hub import Hub
+
+
+class BrowserPanel:
+    """A folder of the main panel that only this browser has."""
+
+    def show_own(self, own: bool) -> None:
+        """Say whether this browser explores on its own."""
+        self._own.value = own
+
+    def __init__(self, hub: Hub, client: viser.ClientHandle) -> None:
+        gui = client.gui
+        with gui.add_folder("This browser", expand_by_default=False, order=1e6):
+            self._own: Any = gui.add_checkbox(
+                "Explore on my own",
+                False,
+                hint="Leave the shared time line; your changes stay in this browser.",
+            )
+            self._lead: Any = gui.add_checkbox(
+                "Only I lead",
+                hub.leader == client.client_id,
+                hint="Others follow until they explore on their own.",
+            )
+            self._light: Any = gui.add_checkbox("Light theme", False, hint="Only in this browser.")
+
+        @self._own.on_update
+        def _(event: Any) -> None:
+            if event.client_id is not None:
+                (hub.detach if self._own.value else hub.attach)(client)
+
+        @self._lead.on_update
+        def _(event: Any) -> None:
+            if event.client_id is None:
+                return
+            if self._lead.value and hub.leader not in (None, client.client_id):
+                self._lead.value = False
+                client.add_notification(
+                    "Somebody else leads", "One browser can hold the lead.", auto_close_seconds=6.0
+                )
+                return
+            hub.leader = client.client_id if self._lead.value else None
+
+        @self._light.on_update
+        def _(event: Any) -> None:
+            gui.configure_theme(
+                dark_mode=not self._light.value,
+                show_logo=False,
+                show_share_button=False,
+                brand_color=palette.BRAND,
+            )

@@ -1,0 +1,265 @@
+"""Drives, pages and browsers: one shared page that is led, and one page per browser that explores on its own."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+from viser import _messages
+
+from stereocalib_app.drive import hotkeys
+from stereocalib_app.drive.page import Page
+from stereocalib_app.drive.session import Session
+from stereocalib_app.drive.settings import Settings
+from stereocalib_app.drive.viewpoint import FOLLOWING, UP
+from stereocalib_app.server.browser_panel import BrowserPanel
+from stereocalib_app.server.inputs import guard
+from stereocalib_app.server.library import Library
+from stereocalib_app.widgets import palette
+from stereocalib_core.errors import SourceError
+from stereocalib_core.files.io import read_run
+
+LOG = logging.getLogger(__name__)
+MAIN_WIDTH_PX = 345
+VIEWS_WIDTH_PX = (400, 700)
+SCENE_WIDTH_PX = 400
+"""What the 3-D view keeps at least."""
+TIMELINE_WIDTH_PX = (380, 900)
+PICTURE_SHAPE = 1.36
+"""Height over width of all stages together."""
+
+
+def views_width(height_px: int, window_px: int) -> int:
+    """Width of the docked pictures so that all stages fit a browser's height, and the 3-D view keeps its own."""
+    wanted = int((height_px - 165) / PICTURE_SHAPE) + 26
+    most = min(VIEWS_WIDTH_PX[1], window_px - MAIN_WIDTH_PX - SCENE_WIDTH_PX)
+    return max(VIEWS_WIDTH_PX[0], min(wanted, most))
+
+
+class Hub:
+    """Owns the server's pages and the drives that are open."""
+
+    def __init__(
+        self, server: viser.ViserServer, session: Session, library: Library, settings: Settings | None = None
+    ) -> None:
+        self.server, self.library = server, library
+        self._lock = threading.RLock()
+        self._own: dict[int, Page] = {}
+        self._browsers: dict[int, BrowserPanel] = {}
+        self._views_px: dict[int, tuple[str, int]] = {}
+        self._sessions: list[Session] = [session]
+        self.leader: int | None = None
+        self.closed = False
+        server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
+        )
+        server.initial_camera.position = FOLLOWING.position
+        server.initial_camera.look_at = FOLLOWING.look_at
+        server.initial_camera.up = UP
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(MAIN_WIDTH_PX)
+        hotkeys.register(server.gui, self.page_of)
+        self.shared = Page(self, server, session, "lead", settings=settings)
+        self._place(self.shared)
+        server.on_client_connect(self._connected)
+        server.on_client_disconnect(self._disconnected)
+
+    def start(self) -> None:
+        """Start computing and showing."""
+        for session in self._sessions:
+            session.start()
+        self.shared.start()
+
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Stop everything but the server; wait at most `timeout_s` for each worker."""
+        with self._lock:
+            self.closed = True
+            pages, sessions = [self.shared, *self._own.values()], list(self._sessions)
+        for page in pages:
+            page.playback.close(timeout_s)
+        for session in sessions:
+            session.close(timeout_s)
+        self.library.close()
+
+    def page_of(self, client_id: int) -> Page:
+        """The page that a browser shows."""
+        return self._own.get(client_id, self.shared)
+
+    def viewers(self, page: Page) -> list[viser.ClientHandle]:
+        """The browsers that show a page."""
+        clients = self.server.get_clients()
+        return [client for number, client in clients.items() if self.page_of(number) is page]
+
+    def may_steer(self, page: Page, client_id: int | None) -> bool:
+        """Whether a browser may change a page: its own always, the shared one unless another leads."""
+        return page.owner is not None or self.leader is None or self.leader == client_id
+
+    # --- drives
+
+    def open(self, page: Page, text: str) -> None:
+        """Open what was typed on the page; raises SourceError."""
+        self._show(page, self.library.open(text))
+
+    def open_upload(self, page: Page, upload: Any) -> None:
+        """Open a zip that was uploaded; raises SourceError."""
+        self._show(page, self.library.open_upload(upload.name, upload.content))
+
+    def reopen(self, page: Page, spec: str, frame: int, same_before: int = 0) -> None:
+        """Open a variation of the drive on show, which begins to differ at frame `same_before`, and go to a
+        frame; raises SourceError."""
+        new = self.library.vary(page.session, spec, same_before)
+        self._show(page, new, frame)
+
+    def compare(self, page: Page, text: str) -> None:
+        """Lay an earlier run beside the drive on show; an empty text takes it away. Raises SourceError."""
+        if not text.strip():
+            page.set_compared(None)
+            return
+        folder = Path(self.library.resolve(text))
+        if not folder.is_dir():
+            raise SourceError("no such folder", text[:200], "name the output folder of an earlier run")
+        page.set_compared(read_run(folder))
+
+    def _show(self, page: Page, session: Session, frame: int | None = None) -> None:
+        """Replace the drive of a page, at a frame; without one, a drive that is still computed plays."""
+        with self._lock:
+            if self.closed:
+                session.close()
+                return
+            settings = page.settings
+            page.close()
+            self._sessions.append(session)
+            session.start()
+            if page.owner is None:
+                self.shared = fresh = Page(self, self.server, session, "lead", settings=settings)
+                self._place(fresh)
+                for client_id in self._own:
+                    self._set_shared_visible(client_id, False)
+            else:
+                client = page.api
+                fresh = Page(self, client, session, page.name, page.owner, settings)
+                self._own[page.owner] = fresh
+                self._place(fresh)
+            if frame is not None:
+                fresh.playback.seek(frame)
+            fresh.start()
+            if frame is None and session.run is None:
+                fresh.playback.play()
+            self._drop_unused()
+        for client in self.server.get_clients().values():
+            self.fit(client)
+
+    def _drop_unused(self) -> None:
+        used = {id(page.session) for page in (self.shared, *self._own.values())}
+        for session in [s for s in self._sessions if id(s) not in used]:
+            self._sessions.remove(session)
+            threading.Thread(target=session.close, daemon=True).start()
+
+    # --- browsers
+
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Give a browser a page of its own, at the frame and settings of the shared one."""
+        with self._lock:
+            if client.client_id in self._own or self.closed:
+                return
+            shared = self.shared
+            self._set_shared_visible(client.client_id, False)
+            page = Page(
+                self, client, shared.session, f"own{client.client_id}", client.client_id, shared.settings
+            )
+            self._own[client.client_id] = page
+            self._place(page)
+            page.playback.seek(shared.playback.state.frame)
+            page.start()
+        self._say_own(client, True)
+        self.fit(client)
+
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Bring a browser back to the shared page."""
+        with self._lock:
+            page = self._own.pop(client.client_id, None)
+            if page is None:
+                return
+            page.close()
+            self._set_shared_visible(client.client_id, True)
+            self._drop_unused()
+        self._say_own(client, False)
+        self.fit(client)
+
+    def _say_own(self, client: viser.ClientHandle, own: bool) -> None:
+        browser = self._browsers.get(client.client_id)
+        if browser is not None:
+            browser.show_own(own)
+
+    def _set_shared_visible(self, client_id: int, visible: bool) -> None:
+        """Show or hide the shared page in one browser only."""
+        client = self.server.get_clients().get(client_id)
+        if client is None:
+            return
+        connection = client._websock_connection
+        for uuid in self.shared.root_ids:
+            connection.queue_message(_messages.GuiUpdateMessage(uuid, {"visible": visible}))
+        connection.queue_message(_messages.SetSceneNodeVisibilityMessage("/lead", visible))
+
+    def _place(self, page: Page) -> None:
+        """Put the panels of a page where they belong."""
+        page.views.panel.dock_left()
+        page.views.panel.set_width(views_width(720, 1280))
+        page.timeline.panel.float(x=8, y=-8, width=460)
+
+    def fit(self, client: viser.ClientHandle) -> None:
+        """Give the pictures the height that this browser has, and the time line what is left between the panels."""
+        page = self.page_of(client.client_id)
+        height, between = int(client.camera.image_height), int(client.camera.image_width)
+        name, docked = self._views_px.get(client.client_id, ("", views_width(720, 1280)))
+        views = views_width(height, between + docked + MAIN_WIDTH_PX)
+        if (name, docked) != (page.name, views):
+            # Only then: a width that somebody has dragged must stay.
+            self._views_px[client.client_id] = page.name, views
+            self._set_width(client, page, page.views.panel, views)
+        room = between + docked - views - 16
+        self._set_width(client, page, page.timeline.panel, int(np.clip(room, *TIMELINE_WIDTH_PX)))
+
+    def _set_width(self, client: viser.ClientHandle, page: Page, panel: Any, width: int) -> None:
+        message = _messages.GuiSetPanelWidthMessage(
+            panel._impl.uuid,
+            width,
+            counter=page.gui._next_layout_counter(),
+            run_id=page.gui._layout_run_id,
+        )
+        client._websock_connection.queue_message(message)
+
+    def _connected(self, client: viser.ClientHandle) -> None:
+        guard(client.gui)
+        self._browsers[client.client_id] = BrowserPanel(self, client)
+        self.fit(client)
+        known = (client.camera.image_width, client.camera.image_height)
+
+        @client.camera.on_update
+        def _(_camera: Any) -> None:
+            nonlocal known
+            size = (client.camera.image_width, client.camera.image_height)
+            if size != known:
+                known = size
+                self.fit(client)
+
+    def _disconnected(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            page = self._own.pop(client.client_id, None)
+            self._browsers.pop(client.client_id, None)
+            self._views_px.pop(client.client_id, None)
+            if self.leader == client.client_id:
+                self.leader = None
+            self._drop_unused()
+        if page is not None:
+            page.playback.close()
+            page.detach_for_good()
+
+    def count(self) -> tuple[int, int]:
+        """Browsers connected, and how many of them explore on their own."""
+        return len(self._browsers), len(self._own)

@@ -1,0 +1,175 @@
+"""What may be opened: any SOURCE on the command line; from the page only what lies below one root, the synthetic
+drive, earlier runs, and small uploads."""
+
+from __future__ import annotations
+
+import lzma
+import shutil
+import stat
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+
+from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged_analysis, part_of
+from stereocalib_app.drive.earlier_run import open_run
+from stereocalib_app.drive.session import Session
+from stereocalib_core.back.analyse import analyse
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import ConfigError, SourceError
+from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.files.io import read_rig
+from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.run.drive import cut_truth, frame_range
+from stereocalib_core.sources import SourceKind, open_source, source_kind
+
+UPLOAD_BYTES = 200_000_000
+UNPACKED_BYTES = 1_000_000_000
+UNPACKED_FILES = 8_000
+DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError)
+"""What reading a damaged, encrypted or unusual zip raises."""
+DRIVE_FOLDERS = (SourceKind.KITTI_ODOMETRY, SourceKind.KITTI_RAW, SourceKind.FOLDER)
+
+
+def open_drive(
+    spec: str,
+    config: PipelineConfig,
+    frames: tuple[int | None, int | None] = (None, None),
+    rig: Path | None = None,
+    limits: Limits = NO_LIMITS,
+    finished: Sequence[Done] = (),
+) -> Session:
+    """Any SOURCE, or the output of an earlier run; raises StereoCalibError in one line.
+
+    limits: what the mount is judged by. finished: frames that need not be computed again.
+    """
+    if source_kind(spec) is SourceKind.RUN:
+        return open_run(Path(spec).expanduser().resolve(), limits)
+    source = open_source(spec)
+    if len(source) == 0:
+        raise SourceError("drive without frames", spec, "check that it holds pictures")
+    start, stop = frame_range(frames, len(source))
+    part = part_of(source, start, stop)
+    known_rig = None if rig is None else read_rig(rig)
+
+    def whole_drive(results: Sequence[FrameResult]) -> DriveAnalysis:
+        truth = cut_truth(part.ground_truth, 0, len(results))
+        return judged_analysis(analyse(results, part.camera, config, truth, known_rig), limits)
+
+    whole = (start, stop) == (0, len(source))
+    return Session(
+        part,
+        config,
+        spec=spec,
+        analyse=whole_drive,
+        finished=finished,
+        rig=rig,
+        frames=None if whole else (start, stop),
+    )
+
+
+class Library:
+    """Opens what people ask for on the page, and nothing else."""
+
+    def __init__(
+        self,
+        root: Path,
+        config: PipelineConfig,
+        limits: Limits = NO_LIMITS,
+        tolerance: Path | None = None,
+    ) -> None:
+        self.root, self._config, self._limits = root.expanduser().resolve(), config, limits
+        self.tolerance = tolerance
+        self._uploads: list[Path] = []
+
+    def resolve(self, text: str) -> str:
+        """A source typed on the page; raises SourceError for what lies outside the root."""
+        text = text.strip()
+        if not text or "\0" in text or len(text) > 1000:
+            raise SourceError("empty source", repr(text[:40]), "type a path below the folder named above")
+        if text == "synthetic" or text.startswith(("synthetic:", "synthetic?")):
+            if "path=" in text:
+                raise SourceError("path= is not open to the page", text, "give it on the command line")
+            return text
+        if text.startswith("video:"):
+            raise SourceError("live devices are not open to the page", text, "open them on the command line")
+        try:
+            path = (self.root / Path(text).expanduser()).resolve()
+        except (OSError, RuntimeError) as error:
+            raise SourceError("path cannot be read", text[:200], str(error)) from error
+        if path != self.root and self.root not in path.parents:
+            raise SourceError(
+                "outside the folder that the page may read", text[:200], f"stay below {self.root}"
+            )
+        return str(path)
+
+    def open(self, text: str) -> Session:
+        """What was typed on the page."""
+        return open_drive(self.resolve(text), self._config, limits=self._limits)
+
+    def vary(self, session: Session, spec: str, same_before: int) -> Session:
+        """A variation `spec` of the drive of a session, whose frames before `same_before` are as they were."""
+        return open_drive(
+            spec,
+            session.config,
+            session.frames or (None, None),
+            session.rig,
+            self._limits,
+            session.done_before(same_before),
+        )
+
+    def open_upload(self, name: str, content: bytes) -> Session:
+        """A zip that was uploaded; raises SourceError when it is too large or unsafe."""
+        folder = Path(tempfile.mkdtemp(prefix="stereocalib-upload-"))
+        self._uploads.append(folder)
+        unpack(name, content, folder)
+        return open_drive(str(drive_folder(folder, name)), self._config, limits=self._limits)
+
+    def close(self) -> None:
+        """Remove what was uploaded."""
+        for folder in self._uploads:
+            shutil.rmtree(folder, ignore_errors=True)
+        self._uploads.clear()
+
+
+def unpack(name: str, content: bytes, folder: Path) -> None:
+    """A zip below `folder`; refuses what is too large, links, and names that lead outside."""
+    if len(content) > UPLOAD_BYTES:
+        raise SourceError("upload too large", name, f"at most {UPLOAD_BYTES // 1_000_000} MB")
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            entries = archive.infolist()
+            if len(entries) > UNPACKED_FILES or sum(e.file_size for e in entries) > UNPACKED_BYTES:
+                raise SourceError("zip unpacks to too much", name, "at most 8000 files and 1 GB")
+            for entry in entries:
+                path = PurePosixPath(entry.filename.replace("\\", "/"))
+                link = stat.S_ISLNK(entry.external_attr >> 16)
+                if path.is_absolute() or ".." in path.parts or ":" in entry.filename or link:
+                    raise SourceError(
+                        "zip with an unsafe name", entry.filename[:100], "pack plain files only"
+                    )
+            for entry in entries:
+                if entry.is_dir():
+                    continue
+                target = folder / PurePosixPath(entry.filename.replace("\\", "/"))
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(entry) as source:
+                    data = source.read(entry.file_size + 1)
+                if len(data) > entry.file_size:
+                    raise SourceError("zip lies about its size", name, "pack it again")
+                target.write_bytes(data)
+    except DAMAGED as error:
+        raise SourceError("zip cannot be read", name, str(error) or "it ends too early") from error
+
+
+def drive_folder(folder: Path, name: str) -> Path:
+    """The drive inside an unpacked zip: the folder itself or the only one that is a drive."""
+    for candidate in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:200]:
+        try:
+            if source_kind(str(candidate)) in DRIVE_FOLDERS:
+                return candidate
+        except (SourceError, ConfigError):
+            continue
+    raise SourceError("no stereo drive in the zip", name, "pack left/ right/ camera.yaml, or KITTI")

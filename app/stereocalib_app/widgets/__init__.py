@@ -1,0 +1,1 @@
+"""Charts, pictures, tables and cards of any page."""

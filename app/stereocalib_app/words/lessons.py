@@ -1,0 +1,166 @@
+"""The guided walk through the method: what each step shows, its equation, and what can be broken to see why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from latex2mathml.converter import convert
+
+from stereocalib_app.drive.settings import Corrections
+from stereocalib_core.config import DisparityConfig, FreeMapConfig, PipelineConfig, ProfileConfig
+
+
+@dataclass(frozen=True)
+class Breakage:
+    """Something to break: `label` on the button, what it does to the corrections or to the stages on show.
+
+    corrections: fields of `Corrections` to change. stages: parts of the configuration to change, display only.
+    effect: what to look at afterwards.
+    """
+
+    label: str
+    effect: str
+    corrections: Mapping[str, Any] | None = None
+    stages: str = ""
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One step: its title, the view it sets, its equations in LaTeX (one a line), and a few sentences."""
+
+    title: str
+    layout: str
+    latex: tuple[str, ...]
+    words: str
+    breakage: Breakage
+
+
+MATH_FONTS: Final = "'Latin Modern Math','STIX Two Math','Cambria Math','Noto Sans Math',math"
+LONG_LINE: Final = 80
+"""In characters of LaTeX."""
+
+BROKEN_STAGES: Final[dict[str, Mapping[str, Any]]] = {
+    "short search": {"disparity": DisparityConfig(max_disparity_px=32)},
+    "no obstacles": {"free_map": FreeMapConfig(road_margin=1000.0)},
+    "wide corridor": {"profile": ProfileConfig(corridor_half_width_m=20.0)},
+}
+
+
+def broken_config(config: PipelineConfig, stages: str) -> PipelineConfig:
+    """The configuration with a stage broken, for display only."""
+    return replace(config, **BROKEN_STAGES.get(stages, {}))
+
+
+LESSONS: Final[tuple[Lesson, ...]] = (
+    Lesson(
+        "Disparity",
+        "disparity",
+        (r"\Delta = \frac{\alpha\, b}{S}",),
+        "Each pixel of the left image is looked for in the same row of the right one. How far it moved is its "
+        "disparity Δ: large when near, zero at infinity. Focal length α and baseline b turn it into depth S.",
+        Breakage(
+            "Search only 32 px", "the near road and near cars lose their disparity", stages="short search"
+        ),
+    ),
+    Lesson(
+        "u-disparity",
+        "u-disparity",
+        (r"n(\Delta, u) = \#\{\, v : \Delta(u, v) = \Delta \,\}",),
+        "Count, in every column, how often each disparity occurs. A wall or a car keeps one disparity over many "
+        "rows and piles up (orange). The road changes with every row and spreads thin (blue).",
+        Breakage("Accept every pile as road", "nothing is orange any more", stages="no obstacles"),
+    ),
+    Lesson(
+        "Free map",
+        "free map",
+        (r"\text{free} = \{\, (u, v) : n(\Delta(u, v), u) \le n_\text{road} \,\}",),
+        "Take the piles out, cells with more in them than a road can bring, and the free map is left: where a car "
+        "could stand. Only here the road is looked for. Green cells agree with the plane that is found in the end.",
+        Breakage("Keep cars and walls", "walls and cars count as free", stages="no obstacles"),
+    ),
+    Lesson(
+        "v-disparity",
+        "v-disparity",
+        (r"v = C_r\, \Delta + v_{\Delta 0}",),
+        "Count, in every row of the free map, how often each disparity occurs. All of a flat road falls on one "
+        "straight line, the road profile (yellow).",
+        Breakage("Whole map instead of free map", "the line drowns in walls and cars", stages="no obstacles"),
+    ),
+    Lesson(
+        "Pitch and height",
+        "v-disparity",
+        (r"\theta = \arctan\,\frac{v_0 - v_{\Delta 0}}{\alpha}", r"h = C_r\, b\, \cos\theta"),
+        "Where the profile meets disparity zero lies the horizon: that is the pitch θ. The slope of the profile "
+        "is the height h over the baseline b.",
+        Breakage(
+            "Add 1° of pitch",
+            "the live horizon and road (blue) leave the picture's road; the path bends",
+            corrections={"pitch_error_deg": 1.0},
+        ),
+    ),
+    Lesson(
+        "Roll",
+        "free map",
+        (r"v = C\, u + d \quad\text{at one } \Delta", r"\rho = \arctan(C\, \cos\theta)"),
+        "At one fixed disparity the road is a line across the image. Its slope C gives the roll ρ. No trial "
+        "projections are needed.",
+        Breakage(
+            "Add 2° of roll", "the live road tilts against the real one", corrections={"roll_error_deg": 2.0}
+        ),
+    ),
+    Lesson(
+        "Yaw",
+        "all stages",
+        (r"d = R^T K^{-1}\, (u_\text{vp},\, v_\text{vp},\, 1)^T", r"\varphi = \text{atan2}(d_x,\, d_z)"),
+        "When the car drives straight, the tracks on the road meet in one point, the vanishing point of travel. "
+        "Its direction d, with pitch and roll (R) and the camera (K) taken out, is the yaw φ. Only straight driving "
+        "shows it.",
+        Breakage(
+            "Take yaw out (no side slip)",
+            "with a model that forbids side slip, every metre turns the path a little",
+            corrections={"yaw_strength": 0.0, "model": "nonholonomic"},
+        ),
+    ),
+    Lesson(
+        "Filter",
+        "all stages",
+        (r"x_{k+1} = f(x_k) + w_k", r"z_k = h(x_k) + n_k"),
+        "The car's body swings on its springs about a mount that hardly moves. The filter knows both, weighs each "
+        "measurement by its σ, and predicts through failed frames (marked, σ growing).",
+        Breakage(
+            "Use each pair alone", "the live path uses the unfiltered values", corrections={"source": "raw"}
+        ),
+    ),
+    Lesson(
+        "Odometry",
+        "all stages",
+        (
+            r"X = \frac{b}{\Delta}\, (\cos\rho\; \bar u + \sin\rho\, (\cos\theta\; \bar v + \alpha\, \sin\theta))",
+            r"Z = \frac{b}{\Delta}\, (\alpha\, \cos\theta - \sin\theta\; \bar v)",
+            r"T_{k+1} = T_k\; T_{k \to k+1}",
+        ),
+        "Points tracked on the road become metres by height, pitch and roll (ū, v̄: from the principal point). The "
+        "motion between frames adds up to the path, and so does every error of the calibration.",
+        Breakage(
+            "Take pitch and roll out",
+            "the path shrinks or grows and bends: calibration matters",
+            corrections={"pitch_strength": 0.0, "roll_strength": 0.0},
+        ),
+    ),
+)
+
+
+def broken_corrections(breakage: Breakage) -> Corrections:
+    """The corrections of a breakage."""
+    return Corrections(**(breakage.corrections or {}))
+
+
+def equation_html(latex: Sequence[str]) -> str:
+    """Equations, one a line, as MathML, which browsers typeset themselves."""
+    lines = "".join(f'<div style="margin:0.35em 0">{convert(line, display="block")}</div>' for line in latex)
+    style = f"font-family:{MATH_FONTS};padding:0.2em 0.4em 0.5em;overflow-x:auto"
+    # a longer line is set smaller, so that none has to be scrolled
+    size = 1.25 if max(map(len, latex)) < LONG_LINE else 0.92
+    return f'<div class="equations" style="{style};font-size:{size}em">{lines}</div>'

@@ -1,0 +1,1 @@
+"""Arithmetic on the results of a whole drive; no pixel."""

@@ -1,0 +1,141 @@
+"""The back end: from the front end's results of a drive to what its rig is like and where the car went.
+
+Arithmetic over small arrays only; no pixel is touched. The order is a table of contents: filter, yaw and
+lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own rows, the shifts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.back.evaluation import OdometryErrors, evaluate
+from stereocalib_core.back.lidar.road_check import LidarCheck, check, who_moved
+from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
+from stereocalib_core.back.odometry.packing import PackedTracks, pack
+from stereocalib_core.back.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
+from stereocalib_core.back.rig.body_motion import MotionSeries
+from stereocalib_core.back.rig.mount import estimate_mount
+from stereocalib_core.back.rig.pair import RectificationReport, summarise
+from stereocalib_core.back.rig.shift_alarm import Shift, find_shifts
+from stereocalib_core.back.rig.smoothing import filter_drive
+from stereocalib_core.back.rig.yaw import YawEstimate, estimate_yaw
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.files.report import gaps, mount_block
+from stereocalib_core.frames import GroundTruth
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
+
+Array = NDArray[np.float64]
+
+NONHOLONOMIC = "_nonholonomic"
+
+
+@dataclass(frozen=True)
+class Drive(DriveAnalysis):
+    """A `DriveAnalysis` with the parts behind it, for whoever draws or varies them.
+
+    extrinsics: (N, 4) height, pitch, roll, yaw that the odometry uses, NaN where nothing is known.
+    paths: every variant of report.json by name.
+    """
+
+    tracks: PackedTracks | None = None
+    extrinsics: Array | None = None
+    yaw: YawEstimate | None = None
+    rectification: RectificationReport | None = None
+    paths: Mapping[str, Trajectory] = dataclasses.field(default_factory=dict)
+    errors: Mapping[str, OdometryErrors] = dataclasses.field(default_factory=dict)
+    lidar: LidarCheck | None = None
+    shifts: tuple[Shift, ...] = ()
+
+
+def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
+    """Settings of every variant of report.json: the default model, then each again without side slip."""
+    free = {name: dataclasses.replace(s, lever_arm_m=lever_arm_m) for name, s in VARIANTS.items()}
+    bound = {
+        name + NONHOLONOMIC: dataclasses.replace(s, model="nonholonomic", lever_arm_m=lever_arm_m)
+        for name, s in VARIANTS.items()
+    }
+    return free | bound
+
+
+def odometry_extrinsics(filtered: FilteredExtrinsics, yaw_rad: float) -> Array:
+    """(N, 4) height, pitch, roll, yaw per frame, NaN where the filter has nothing."""
+    return np.column_stack([filtered.values, np.full(len(filtered.values), yaw_rad)])
+
+
+def analyse(
+    results: Sequence[FrameResult],
+    camera: StereoCamera,
+    config: PipelineConfig,
+    ground_truth: GroundTruth | None = None,
+    rig: Rig | None = None,
+) -> Drive:
+    """Everything that the whole drive says. `rig` brings yaw and lever arm of an earlier drive of the same rig."""
+    known = rig or Rig()
+    filtered = filter_drive(results, config.filter, camera if config.method == "paper" else None)
+    tracks = pack(camera, results)
+    yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m)
+    yaw_measured = _yaw(yaw, known)
+    lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
+    odometry_yaw, yaw_reason = yaw_measured, yaw.reason
+    if odometry_yaw is None:
+        odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason)
+    extrinsics = odometry_extrinsics(filtered, 0.0 if odometry_yaw is None else odometry_yaw.value)
+    paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
+    truth = None if ground_truth is None else ground_truth.poses
+    reliable = ground_truth is None or ground_truth.heading_reliable
+    errors = {name: evaluate(path.poses, truth, reliable) for name, path in paths.items()}
+    rectification = summarise(camera, results, config.rectification)
+    lidar = check(results, config.road_check)
+    best = paths["autocalibrated"]
+    times = np.array([r.timestamp_s for r in results], dtype=np.float64)
+    motion = MotionSeries.from_path(times, best, tracks)
+    shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
+    if lidar is not None:
+        lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
+    mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
+    report = {
+        "mount": mount_block(mount),
+        "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
+        "yaw_sigma_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.sigma)),
+        "yaw_reason": yaw_reason,
+        "rectification": rectification.as_report(),
+        "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
+        "gaps": gaps(results, best.measured),
+        "shifts": [shift.as_report() for shift in shifts],
+        "lidar_check": None if lidar is None else lidar.as_report(),
+    }
+    return Drive(
+        report, filtered, best.poses, mount,
+        tracks, extrinsics, yaw, rectification, paths, errors, lidar, shifts,
+    )  # fmt: skip
+
+
+def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
+    """The rig file's yaw where there is one, else the drive's own."""
+    if known.yaw_rad is not None:
+        return known.yaw_rad
+    if estimate.value_rad is None or estimate.sigma_rad is None:
+        return None
+    return Measured(estimate.value_rad, estimate.sigma_rad)
+
+
+def _yaw_of_path(
+    tracks: PackedTracks, filtered: FilteredExtrinsics, reason: str | None
+) -> tuple[Measured | None, str | None]:
+    """A yaw for the variants that need one where no straight shows it: that of an axle without side slip.
+
+    It makes the path agree with the model, so it is no measurement of the mount; the reason says what was used.
+    """
+    free = trajectory(tracks, odometry_extrinsics(filtered, 0.0), TrajectorySettings())
+    found = estimate_lever_and_yaw(free)
+    if found is None:
+        return None, reason
+    value, sigma = np.rad2deg([found.yaw_rad, found.yaw_sigma_rad])
+    used = f"the variants without side slip use {value:+.2f} +- {sigma:.2f} deg, at which the path fits them best"
+    return Measured(found.yaw_rad, found.yaw_sigma_rad), used if reason is None else f"{reason}; {used}"

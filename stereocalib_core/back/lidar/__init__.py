@@ -1,0 +1,1 @@
+"""Do camera and LiDAR still agree over the drive?"""

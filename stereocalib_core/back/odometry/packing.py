@@ -1,0 +1,145 @@
+"""All tracks of a drive in one block, so that motion and trajectory are arithmetic on a few arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.back.odometry.camera_motion import solve_full, solve_stereo
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.chunks import in_chunks
+from stereocalib_core.results import FrameResult, Tracks
+
+Array = NDArray[np.float64]
+
+STILL_M, STILL_RAD = 0.006, 5e-4
+"""A pair that moves and turns less than this stands still: less than a tenth of walking pace, and about three
+standard deviations of what tracks of a standing car show."""
+
+SCALE_SIGMA = 0.003
+"""How far the depths of points off the road may differ from those of the road, as a factor."""
+
+ROAD_SHARE = 3.0
+"""Weight of a road point against one above it where the road's extrinsics are put to the test."""
+
+MIN_POINTS = 10
+"""Fewer tracks than this give no motion."""
+
+
+@dataclass(frozen=True)
+class PackedTracks:
+    """The tracks of N frames, M points; row i of every per-frame array is the pair (previous[i], i).
+
+    rays: (5, M) x, y, inverse depth [1/m] by the measured disparity in the previous pair and x, y in this one;
+        x = (u - cx) / f, y = (v - cy) / f.
+    start: (N + 1,) the points of pair i are start[i] ... start[i + 1], those on the road first.
+    road_end: (N,) where the road points of pair i end.
+    previous: (N,) the other frame of the pair, -1 = no tracks.
+    road_ok: (N,) whether the frame showed its road.
+    """
+
+    camera: StereoCamera
+    rays: Array
+    start: NDArray[np.int64]
+    road_end: NDArray[np.int64]
+    previous: NDArray[np.int64]
+    road_ok: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.previous)
+
+    @cached_property
+    def stereo_motion(self) -> Array:
+        """(N, 7) rotation vector [rad], translation [m] of T_current_previous (left camera) from measured
+        disparities alone, and 1 where it could be solved; the start of every other solution."""
+        motions = np.zeros((len(self), 7))
+        in_chunks(
+            solve_stereo, len(self),
+            self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS, motions,
+        )  # fmt: skip
+        return motions
+
+    @cached_property
+    def active(self) -> NDArray[np.bool_]:
+        """(N,) pairs that move and have points enough."""
+        return np.asarray((self.previous >= 0) & ~self.still & (np.diff(self.start) >= MIN_POINTS))
+
+    @cached_property
+    def best_motion(self) -> tuple[Array, Array]:
+        """(N, 7) motion as `stereo_motion` and its (N, 6, 6) covariance, from all that the tracks measure."""
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, 1.0, SCALE_SIGMA)
+
+    @cached_property
+    def road_motion(self) -> Array:
+        """(N, 7) motion with the road weighted by `ROAD_SHARE` and nothing changed in its extrinsics."""
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, ROAD_SHARE, 1e-6)[0]
+
+    def full_motion(
+        self, tilts: Array, initial: Array, road_share: float, scale_sigma: float
+    ) -> tuple[Array, Array]:
+        """Every active pair by `solve_full`: (N, 7) motion and 1 where it was solved, (N, 6, 6) covariance."""
+        motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
+        in_chunks(
+            solve_full, len(self),
+            self.rays, self.start, self.road_end, self.active, tilts, initial, self.camera.focal_px,
+            road_share, scale_sigma, motions, covariances,
+        )  # fmt: skip
+        return motions, covariances
+
+    @cached_property
+    def still(self) -> NDArray[np.bool_]:
+        """(N,) pairs between which the car stands, decided on measured disparities alone."""
+        motion = self.stereo_motion
+        turn, move = np.linalg.norm(motion[:, :3], axis=1), np.linalg.norm(motion[:, 3:6], axis=1)
+        return np.asarray((motion[:, 6] > 0) & (turn < STILL_RAD) & (move < STILL_M))
+
+
+def pack(camera: StereoCamera, results: Sequence[FrameResult]) -> PackedTracks:
+    """Front-end results, one per frame in order, to one block."""
+    return pack_tracks(
+        camera,
+        [r.tracks for r in results],
+        np.array([r.ok for r in results], dtype=bool),
+        [r.frame for r in results],
+    )
+
+
+def pack_tracks(
+    camera: StereoCamera,
+    tracks: Sequence[Tracks | None],
+    road_ok: NDArray[np.bool_] | None = None,
+    frames: Sequence[int] | None = None,
+) -> PackedTracks:
+    """Tracks of consecutive frames to one block; `Tracks.previous` is one of `frames` (default 0, 1, ...)."""
+    count = len(tracks)
+    row_of = {frame: row for row, frame in enumerate(range(count) if frames is None else frames)}
+    blocks: list[NDArray[np.float32]] = []
+    start = np.zeros(count + 1, dtype=np.int64)
+    road_end = np.zeros(count, dtype=np.int64)
+    previous = np.full(count, -1, dtype=np.int64)
+    for i, pair in enumerate(tracks):
+        start[i + 1] = road_end[i] = start[i]
+        if pair is None or len(pair) == 0 or row_of.get(pair.previous, count) >= i:
+            continue
+        whole = np.isfinite(pair.points[:, :5]).all(axis=1) & (pair.points[:, 2] > 0)
+        blocks += [pair.points[whole & pair.on_road], pair.points[whole & ~pair.on_road]]
+        road_end[i] += len(blocks[-2])
+        start[i + 1] = road_end[i] + len(blocks[-1])
+        previous[i] = row_of[pair.previous]
+    points = np.concatenate([*blocks, np.zeros((0, 6), np.float32)]).astype(np.float64).T
+    f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
+    rays = np.stack(
+        [
+            (points[0] - camera.cx_px) / f,
+            (points[1] - camera.cy_px) / f,
+            points[2] / fb,
+            (points[3] - camera.cx_px) / f,
+            (points[4] - camera.cy_px) / f,
+        ]
+    )
+    ok = np.ones(count, dtype=bool) if road_ok is None else np.asarray(road_ok, dtype=bool)
+    return PackedTracks(camera, np.ascontiguousarray(rays), start, road_end, previous, ok)

@@ -1,0 +1,311 @@
+"""The path of a whole drive from its tracks, its extrinsics and the settings of one variant; no pixel.
+
+`trajectory` is the function behind every slider. The settings act on the extrinsics after any filter: each
+axis is scaled by its strength (0 = taken as zero; height: the drive's median), then the injected error is
+added. The models:
+
+- `full` (default): six degrees of freedom, plane and motion together: the best motion of each pair from all that
+  its tracks measure on and above the road. What the settings change in the extrinsics changes the disparities
+  of its road points (eq. 16 with and without the change); how far this moves a solution in which the road has
+  the greater weight is applied to the best motion.
+- `planar`: the paper's, eq. 13-16: road points lie on the plane of the extrinsics exactly as given.
+- `nonholonomic`: planar, held to a rear axle that does not slip sideways; here yaw and lever arm count.
+
+Under `full` and `planar` the path of the camera itself does not depend on yaw at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereocalib_core.back.odometry.packing import ROAD_SHARE, PackedTracks
+from stereocalib_core.back.odometry.planar_motion import solve_planar
+from stereocalib_core.errors import ConfigError
+from stereocalib_core.numeric.chunks import in_chunks
+from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
+
+Array = NDArray[np.float64]
+Model = Literal["full", "planar", "nonholonomic"]
+
+DEFAULT_LEVER_ARM_M = 0.95
+"""Camera ahead of the rear axle, where no rig file and no estimate say better."""
+
+MIN_ROAD_POINTS = 12
+"""Fewer road points than this do not carry the scale of a pair."""
+
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """What one variant does to the extrinsics, and how the car may move.
+
+    *_strength: 0 ... 1, how much of the estimate is used. *_error_*: added to every frame after that.
+    lever_arm_m: rear axle to camera, for `nonholonomic`.
+    """
+
+    model: Model = "full"
+    yaw_strength: float = 1.0
+    pitch_strength: float = 1.0
+    roll_strength: float = 1.0
+    height_strength: float = 1.0
+    yaw_error_rad: float = 0.0
+    pitch_error_rad: float = 0.0
+    roll_error_rad: float = 0.0
+    height_error_m: float = 0.0
+    lever_arm_m: float = DEFAULT_LEVER_ARM_M
+
+    def __post_init__(self) -> None:
+        for axis in ("yaw", "pitch", "roll", "height"):
+            strength = getattr(self, f"{axis}_strength")
+            if not 0.0 <= strength <= 1.0:
+                raise ConfigError(
+                    f"{axis} strength {strength:g}", "trajectory settings", "give a value from 0 to 1"
+                )
+        if self.model not in ("full", "planar", "nonholonomic"):
+            raise ConfigError(
+                f"motion model {self.model}", "trajectory settings", "full, planar or nonholonomic"
+            )
+
+
+VARIANTS: dict[str, TrajectorySettings] = {
+    "autocalibrated": TrajectorySettings(),
+    "no_yaw": TrajectorySettings(yaw_strength=0.0),
+    "no_roll": TrajectorySettings(roll_strength=0.0),
+    "no_pitch_no_roll": TrajectorySettings(pitch_strength=0.0, roll_strength=0.0),
+}
+"""The variants of the paper's Table 1."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The path of the left camera.
+
+    poses: (N, 4, 4) T_world_camera, world = first left camera.
+    covariance: (N, 6, 6) of each pair's motion given the extrinsics: rotation [rad], translation [m] in the
+        axes of this frame's camera; zero where nothing was measured.
+    planar: (N, 3) x, z [m], heading [rad] of each pair in the road frame of its previous frame.
+    planar_covariance: (N, 3, 3) of `planar`.
+    measured: (N,) False where the motion is a prediction or rests on no road; frame 0 is True.
+    """
+
+    poses: Array
+    covariance: Array
+    planar: Array
+    planar_covariance: Array
+    measured: NDArray[np.bool_]
+
+    @property
+    def gaps(self) -> tuple[tuple[int, int], ...]:
+        """First and last frame of every stretch that was not measured on the road."""
+        missing = np.flatnonzero(np.diff(np.concatenate([[True], self.measured, [True]]).astype(int)))
+        return tuple((int(first), int(last) - 1) for first, last in missing.reshape(-1, 2))
+
+    @property
+    def path_m(self) -> float:
+        """Length of the path [m]."""
+        return float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
+
+
+def fill_missing(extrinsics: Array) -> Array:
+    """(N, 4) with every row that holds a NaN replaced by the last whole row, at the start by the first."""
+    known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
+    if not known.any():
+        return np.tile([1.65, 0.0, 0.0, 0.0], (len(extrinsics), 1))
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return np.asarray(extrinsics[np.where(last < 0, np.argmax(known), last)], dtype=np.float64)
+
+
+def apply_settings(extrinsics: Array, settings: TrajectorySettings) -> Array:
+    """(N, 4) height [m], pitch, roll, yaw [rad] as a variant sees them."""
+    s = settings
+    median = float(np.median(extrinsics[:, 0])) if len(extrinsics) else 0.0
+    # in this form a strength of one changes no bit, and the best motions need no second solution
+    height = extrinsics[:, 0] + (s.height_strength - 1.0) * (extrinsics[:, 0] - median) + s.height_error_m
+    angles = extrinsics[:, 1:] * [s.pitch_strength, s.roll_strength, s.yaw_strength]
+    angles = angles + [s.pitch_error_rad, s.roll_error_rad, s.yaw_error_rad]
+    return np.column_stack([np.maximum(height, 0.05), angles])
+
+
+def road_rotations(extrinsics: Array) -> Array:
+    """(N, 3, 3) R_camera_road = Rx(pitch) Rz(roll), eq. 4."""
+    cp, sp = np.cos(extrinsics[:, 1]), np.sin(extrinsics[:, 1])
+    cr, sr = np.cos(extrinsics[:, 2]), np.sin(extrinsics[:, 2])
+    zero = np.zeros_like(cp)
+    rows = [[cr, -sr, zero], [cp * sr, cp * cr, -sp], [sp * sr, sp * cr, cp]]
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
+
+
+def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySettings) -> Trajectory:
+    """The whole drive under one variant.
+
+    extrinsics: (N, 4) height [m], pitch, roll, yaw [rad] of every frame, raw or filtered; NaN = unknown.
+    """
+    if np.shape(extrinsics) != (len(tracks), 4):
+        raise ConfigError(
+            f"extrinsics of shape {np.shape(extrinsics)}", "trajectory", f"give ({len(tracks)}, 4)"
+        )
+    known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
+    filled = fill_missing(np.asarray(extrinsics, dtype=np.float64))
+    used = apply_settings(filled, settings)
+    rotations = road_rotations(used)
+    has_pair = tracks.previous >= 0
+    origin = np.maximum(tracks.previous, 0)
+    road = has_pair & (tracks.road_end - tracks.start[:-1] >= MIN_ROAD_POINTS)
+    road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
+    moving = has_pair & ~tracks.still
+    if settings.model == "full":
+        motions, covariance = _full(tracks, filled, used, rotations, road)
+        planar = _planar_of(motions, rotations, origin)
+        planar_covariance = _planar_covariance(covariance, motions, rotations, origin)
+    else:
+        lever = settings.lever_arm_m if settings.model == "nonholonomic" else float("nan")
+        planar, planar_covariance, solved = _planar(tracks, used, rotations, road & moving, lever)
+        motions = _motions_of(planar, used, rotations, origin)
+        motions[:, 6] = solved
+        rest = moving & ~solved.astype(bool)
+        motions[rest] = tracks.stereo_motion[rest]
+        planar[rest] = _planar_of(motions, rotations, origin)[rest]
+        covariance = _covariance_of(planar_covariance, rotations, origin)
+    motions[tracks.still] = [0, 0, 0, 0, 0, 0, 1]
+    planar[tracks.still] = 0.0
+    poses, bridged = _chain(motions, tracks.previous)
+    measured = (road | (tracks.still & has_pair)) & (motions[:, 6] > 0) & ~bridged
+    measured[:1] = True
+    return Trajectory(poses, covariance, planar, planar_covariance, measured)
+
+
+def _full(
+    tracks: PackedTracks, given: Array, used: Array, rotations: Array, road: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
+    change = rotations[:, :, 1] / used[:, :1] - road_rotations(given)[:, :, 1] / given[:, :1]
+    tilts = np.where(road[:, None], change[np.maximum(tracks.previous, 0)], 0.0)
+    best, covariance = tracks.best_motion
+    if not tilts.any():
+        return best.copy(), covariance
+    changed, _ = tracks.full_motion(tilts, tracks.road_motion, ROAD_SHARE, 1e-6)
+    return _carry(best, tracks.road_motion, changed), covariance
+
+
+@njit(cache=True, nogil=True)
+def _carry(best: Array, before: Array, after: Array) -> Array:
+    """(N, 7) `best`, moved by what leads from `before` to `after`; where one of these is missing, as it is."""
+    result = best.copy()
+    for i in range(len(best)):
+        if not (before[i, 6] > 0.0 and after[i, 6] > 0.0 and best[i, 6] > 0.0):
+            continue
+        turn = rotation_from_vector(after[i, :3]) @ np.ascontiguousarray(
+            rotation_from_vector(before[i, :3]).T
+        )
+        shift = after[i, 3:6] - turn @ np.ascontiguousarray(before[i, 3:6])
+        result[i, :3] = vector_from_rotation(turn @ rotation_from_vector(best[i, :3]))
+        result[i, 3:6] = turn @ np.ascontiguousarray(best[i, 3:6]) + shift
+    return result
+
+
+def _planar(
+    tracks: PackedTracks, used: Array, rotations: Array, active: NDArray[np.bool_], lever: float
+) -> tuple[Array, Array, Array]:
+    """(N, 3) planar motion, (N, 3, 3) covariance and (N,) whether solved."""
+    initial = _planar_of(tracks.stereo_motion, rotations, np.maximum(tracks.previous, 0))
+    count = len(tracks)
+    motions, covariance = np.zeros((count, 4)), np.zeros((count, 3, 3))
+    in_chunks(
+        solve_planar, count,
+        tracks.rays, tracks.start, tracks.road_end, tracks.previous, active, used, initial, lever,
+        tracks.camera.focal_px, motions, covariance,
+    )  # fmt: skip
+    return motions[:, :3].copy(), covariance, motions[:, 3].copy()
+
+
+@njit(cache=True, nogil=True)
+def _planar_of(motions: Array, rotations: Array, origin: NDArray[np.int64]) -> Array:
+    """(N, 3) x, z, heading in the previous road frame of (N, 7) camera motions."""
+    result = np.zeros((len(motions), 3))
+    for i in range(len(motions)):
+        R = rotation_from_vector(motions[i, :3])
+        to_road = np.ascontiguousarray(rotations[origin[i]].T)
+        shift = -(to_road @ (np.ascontiguousarray(R.T) @ np.ascontiguousarray(motions[i, 3:6])))
+        turn = to_road @ np.ascontiguousarray(R.T) @ rotations[i]
+        result[i, 0] = shift[0]
+        result[i, 1] = shift[2]
+        result[i, 2] = np.arctan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2])
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _motions_of(planar: Array, extrinsics: Array, rotations: Array, origin: NDArray[np.int64]) -> Array:
+    """(N, 7) camera motions of (N, 3) planar ones; each camera stands over the road as its extrinsics say."""
+    result = np.zeros((len(planar), 7))
+    for i in range(len(planar)):
+        x, z, heading = planar[i]
+        c, s = np.cos(heading), np.sin(heading)
+        back = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        R = rotations[i] @ back @ np.ascontiguousarray(rotations[origin[i]].T)
+        rise = extrinsics[i, 0] - extrinsics[origin[i], 0]
+        result[i, :3] = vector_from_rotation(R)
+        result[i, 3:6] = rotations[i] @ (np.array([0.0, rise, 0.0]) - back @ np.array([x, 0.0, z]))
+    return result
+
+
+def _covariance_of(planar: Array, rotations: Array, origin: NDArray[np.int64]) -> Array:
+    """(N, 3, 3) planar covariance to (N, 6, 6) of rotation and translation, to first order."""
+    jacobian = np.zeros((len(planar), 6, 3))
+    jacobian[:, :3, 2] = rotations[:, :, 1]
+    jacobian[:, 3:, :2] = rotations[origin][:, :, [0, 2]]
+    return np.asarray(jacobian @ planar @ np.swapaxes(jacobian, 1, 2))
+
+
+@njit(cache=True, nogil=True)
+def _rotations_of(motions: Array) -> Array:
+    """(N, 7) motions to (N, 3, 3)."""
+    result = np.empty((len(motions), 3, 3))
+    for i in range(len(motions)):
+        result[i] = rotation_from_vector(motions[i, :3])
+    return result
+
+
+def _planar_covariance(
+    covariance: Array, motions: Array, rotations: Array, origin: NDArray[np.int64]
+) -> Array:
+    """(N, 6, 6) covariance of camera motions to the (N, 3, 3) of x, z, heading on the road."""
+    to_road = np.swapaxes(rotations[origin], 1, 2) @ np.swapaxes(_rotations_of(motions), 1, 2)
+    jacobian = np.zeros((len(motions), 3, 6))
+    jacobian[:, :2, 3:] = to_road[:, [0, 2]]
+    jacobian[:, 2, :3] = rotations[:, :, 1]
+    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
+
+
+@njit(cache=True, nogil=True)
+def _chain(motions: Array, previous: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+    """(N, 7) T_current_previous to (N, 4, 4) poses, and which frames have no pair of their own.
+
+    Frames jumped over by a pair move evenly along it; frames after the last known pair keep their velocity.
+    """
+    n = len(motions)
+    poses = np.zeros((n, 4, 4))
+    bridged = np.zeros(n, dtype=np.bool_)
+    velocity = np.zeros(6)
+    for i in range(n):
+        poses[i, 3, 3] = 1.0
+        if i == 0:
+            poses[0] = np.eye(4)
+            continue
+        if motions[i, 6] > 0.0:
+            base = previous[i]
+            velocity = motions[i, :6] / (i - base)
+        else:
+            base = i - 1
+            bridged[i] = True
+        bridged[base + 1 : i] = True
+        for j in range(base + 1, i + 1):
+            part = motions[i, :6] if j == i and not bridged[i] else velocity * (j - base)
+            back = np.ascontiguousarray(rotation_from_vector(part[:3]).T)
+            poses[j, :3, :3] = np.ascontiguousarray(poses[base, :3, :3]) @ back
+            shift = np.ascontiguousarray(poses[j, :3, :3]) @ np.ascontiguousarray(part[3:6])
+            poses[j, :3, 3] = poses[base, :3, 3] - shift
+    return poses, bridged

@@ -1,0 +1,218 @@
+"""The unscented Kalman filter of a camera on a car's body, one frame at a time.
+
+Per axis (height, pitch, roll) the body swings as a damped oscillator about a rest pose; the rest pose itself
+wanders (braking, a curve, load, the mount), and what a frame measures is where the body is. State: rest (3),
+body minus rest (3), velocity (3). How lively the body is, and how far the stated covariances can be trusted,
+is learnt on the way (`noise_bank`), so that a well measured drive is followed and a badly measured one is
+smoothed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from numpy.typing import NDArray
+
+from stereocalib_core.back.rig.multiple_model import NoiseBank
+from stereocalib_core.config import FilterConfig
+
+Floats = NDArray[np.float64]
+
+_N = 9
+_LONGEST_STEP_S, _SHORTEST_STEP_S = 1.0, 1e-3
+
+
+@dataclass(frozen=True)
+class FilterStep:
+    """One frame of the filter, and what a look back over it needs.
+
+    values: (3,) height [m], pitch, roll [rad]; covariance: (3, 3). state: `updated`, `predicted` or `none`.
+    x, P: (9,), (9, 9) after the frame; F, x_prior, P_prior: the transition into it and the prediction.
+    joined: False where the filter began anew, so that nothing may be carried back over it.
+    """
+
+    values: Floats
+    covariance: Floats
+    state: str
+    x: Floats
+    P: Floats
+    F: Floats
+    x_prior: Floats
+    P_prior: Floats
+    joined: bool
+
+
+def oscillator(frequency_hz: float, damping: float, dt_s: float) -> tuple[Floats, Floats]:
+    """Transition (2, 2) of position and velocity over dt, and the (2, 2) noise that keeps unit variance.
+
+    Exact for x'' = -w^2 x - 2 d w x' + white noise: with stationary P = diag(1, w^2), Q = P - F P F^T.
+    """
+    w = 2.0 * math.pi * frequency_hz
+    decay, wd = damping * w, w * math.sqrt(1.0 - damping**2)
+    c, s, e = math.cos(wd * dt_s), math.sin(wd * dt_s), math.exp(-decay * dt_s)
+    F = e * np.array([[c + decay / wd * s, s / wd], [-(w**2) / wd * s, c - decay / wd * s]])
+    P = np.diag([1.0, w**2])
+    return F, P - F @ P @ F.T
+
+
+class _MatrixUKF(UnscentedKalmanFilter):  # type: ignore[misc]
+    """filterpy's filter with all sigma points moved at once; the transition is a matrix."""
+
+    transition: Floats
+
+    def compute_process_sigmas(self, dt: float, fx: object = None, **fx_args: object) -> None:
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P) @ self.transition.T
+
+    def cross_variance(self, x: Floats, z: Floats, sigmas_f: Floats, sigmas_h: Floats) -> Floats:
+        return np.asarray((sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z)))
+
+    def refresh(self) -> None:
+        """Sigma points of the current state: filterpy's own are those before the process noise."""
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+
+
+def _measure(x: Floats) -> Floats:
+    return np.asarray(x[:3] + x[3:6])
+
+
+def measured_covariance(P: Floats) -> Floats:
+    """(9, 9) of the state to (3, 3) of height, pitch and roll."""
+    return np.asarray(P[:3, :3] + P[3:6, 3:6] + P[:3, 3:6] + P[3:6, :3])
+
+
+class RigFilter:
+    """Height, pitch and roll frame by frame; predicts through frames without a measurement.
+
+    A measurement that no body could make is gated out. A knocked mount makes many of them: after
+    `recovery_frames` gated in a row the filter begins anew from the next one.
+    """
+
+    def __init__(self, config: FilterConfig | None = None) -> None:
+        self.config = config or FilterConfig()
+        c = self.config
+        self._body = np.array(
+            [c.body_height_m, math.radians(c.body_pitch_deg), math.radians(c.body_roll_deg)]
+        )
+        rest = np.array([c.rest_height_m, math.radians(c.rest_angle_deg), math.radians(c.rest_angle_deg)])
+        self._rest_rate = rest**2
+        slack = np.array([c.gate_height_m, math.radians(c.gate_angle_deg), math.radians(c.gate_angle_deg)])
+        self._slack = np.diag(slack**2)
+        self._ukf: _MatrixUKF | None = None
+        self._banks: list[NoiseBank] = []
+        self._time_s = 0.0
+        self._gated = 0
+        self._widest = np.zeros(3)
+        self._persistent = np.zeros((3, 3))
+        self._prior = (np.eye(_N), np.zeros(_N), np.eye(_N))
+
+    def step(self, timestamp_s: float, z: Floats | None, R: Floats | None) -> FilterStep:
+        """One frame: z (3,) height [m], pitch, roll [rad] with covariance R (3, 3); None where it failed."""
+        usable = z is not None and R is not None and bool(np.isfinite(z).all() and np.isfinite(R).all())
+        if not usable or z is None or R is None:
+            if self._ukf is None:
+                nan = np.full((_N, _N), np.nan)
+                return FilterStep(nan[0, :3], nan[:3, :3], "none", nan[0], nan, nan, nan[0], nan, False)
+            self._predict(self._ukf, timestamp_s, None, None)
+            return self._report(self._ukf, "predicted")
+        # What neighbouring frames share is no noise that averages out: set aside here, added in the end.
+        share = self.config.persistent_share
+        persistent, R = share * R, (1.0 - share) * R
+        if self._ukf is None:
+            self._persistent = persistent
+            self._ukf = self._start(timestamp_s, z, R)
+            return self._report(self._ukf, "updated", joined=False)
+        ukf = self._ukf
+        noise = self._predict(ukf, timestamp_s, z, R)
+        scale = np.outer(noise, noise)
+        R = R * scale
+        innovation = z - _measure(ukf.x)
+        S = measured_covariance(ukf.P) + R + self._slack
+        joined = True
+        if float(innovation @ np.linalg.solve(S, innovation)) > self.config.gate:
+            self._gated += 1
+            if self._gated <= self.config.recovery_frames:
+                return self._report(ukf, "predicted")
+            joined = False
+            self._reopen(ukf, innovation)
+        self._gated = 0
+        self._persistent = persistent * scale
+        ukf.update(z, R=R)
+        ukf.P = 0.5 * (ukf.P + ukf.P.T)
+        return self._report(ukf, "updated", joined)
+
+    def _start(self, timestamp_s: float, z: Floats, R: Floats) -> _MatrixUKF:
+        points = MerweScaledSigmaPoints(_N, alpha=1.0, beta=2.0, kappa=3.0 - _N)
+        ukf = _MatrixUKF(_N, 3, 0.1, _measure, None, points)
+        ukf.x = np.concatenate([z, np.zeros(6)])
+        body = np.diag(self._body**2)
+        ukf.P = np.zeros((_N, _N))
+        # The sum of rest and body is known; a whisper more than that, because Cholesky wants full rank.
+        ukf.P[:3, :3] = R + 1.001 * body
+        ukf.P[:3, 3:6] = ukf.P[3:6, :3] = -body
+        ukf.P[3:6, 3:6] = body
+        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.config.natural_hz) ** 2
+        self._time_s = timestamp_s
+        self._banks = [
+            NoiseBank(float(z[k]), float(R[k, k]), float(body[k, k]), float(ukf.P[6 + k, 6 + k]))
+            for k in range(3)
+        ]
+        return ukf
+
+    def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Floats | None, R: Floats | None) -> Floats:
+        """Advance the banks and the filter; gives the (3,) factors on the measurement's sigma."""
+        dt = min(max(timestamp_s - self._time_s, _SHORTEST_STEP_S), _LONGEST_STEP_S)
+        self._time_s = timestamp_s
+        F2, Q2 = oscillator(self.config.natural_hz, self.config.damping, dt)
+        F3 = np.eye(3)
+        F3[1:, 1:] = F2
+        forget = math.exp(-dt / self.config.memory_s)
+        noise = np.ones(3)
+        F, Q = np.eye(_N), np.zeros((_N, _N))
+        for k, bank in enumerate(self._banks):
+            body, noise[k] = bank.factors()
+            value = float("nan") if z is None else float(z[k])
+            variance = 1.0 if R is None else float(R[k, k])
+            rate = float(self._rest_rate[k]) * dt
+            bank.step(F3, rate, Q2 * self._body[k] ** 2, value, variance, forget)
+            F[3 + k :: 3, 3 + k :: 3] = F2
+            Q[3 + k :: 3, 3 + k :: 3] = Q2 * (body * self._body[k]) ** 2
+            # The rest pose moves; the body stays where it is until its springs answer.
+            Q[k, k] = rate
+            Q[3 + k, 3 + k] += rate
+            Q[k, 3 + k] = Q[3 + k, k] = -rate
+        ukf.transition, ukf.Q = F, Q
+        ukf.predict(dt)
+        ukf.refresh()
+        self._prior = (F, ukf.x.copy(), ukf.P.copy())
+        return noise
+
+    def _reopen(self, ukf: _MatrixUKF, innovation: Floats) -> None:
+        """Believe that the rest pose has moved by about the innovation."""
+        ukf.x[:3] += innovation
+        ukf.x[3:] = 0.0
+        body = np.diag(self._body**2)
+        ukf.P[:] = 0.0
+        ukf.P[:3, :3] = 2.0 * body + np.diag(innovation**2)
+        ukf.P[3:6, 3:6] = body
+        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.config.natural_hz) ** 2
+        ukf.refresh()
+
+    def _report(self, ukf: _MatrixUKF, state: str, joined: bool = True) -> FilterStep:
+        covariance = measured_covariance(ukf.P) + self._persistent
+        sigma = np.sqrt(np.diag(covariance))
+        if state == "predicted":
+            # A prediction is never surer than the one before it, whatever the phase of the swing.
+            scale = np.maximum(self._widest / sigma, 1.0)
+            covariance, sigma = covariance * np.outer(scale, scale), sigma * scale
+        self._widest = sigma
+        return FilterStep(
+            _measure(ukf.x), covariance, state, ukf.x.copy(), ukf.P.copy(), *self._prior, joined
+        )
+
+    @property
+    def persistent(self) -> Floats:
+        """(3, 3) the share of the last measurement's covariance that no filter removes."""
+        return self._persistent

@@ -1,0 +1,72 @@
+"""How the camera is mounted: what remains of height, pitch and roll when the body's own motion is taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.back.rig.body_motion import MotionSeries, remove_explained
+from stereocalib_core.back.rig.over_wheels import over_wheels
+from stereocalib_core.back.rig.shift_alarm import Shift
+from stereocalib_core.results import FrameResult, Measured, Rig
+
+Array = NDArray[np.float64]
+
+_BLOCK = 30
+"""Frames whose body motion may be alike: sigma comes from means over so many."""
+_LEAST_SIGMA = (0.001, float(np.deg2rad(0.005)), float(np.deg2rad(0.005)))
+"""Height [m], pitch, roll [rad]: what no length of one drive removes (load, tyres, the road's own shape)."""
+
+
+def estimate_mount(
+    results: Sequence[FrameResult],
+    motion: MotionSeries | None = None,
+    yaw: Measured | None = None,
+    lever_arm: Measured | None = None,
+    shifts: Sequence[Shift] = (),
+) -> Rig:
+    """The rig as this drive leaves it, from each pair's own values.
+
+    With `motion` the means are of steady driving, over the road under the wheels where the path is known, with
+    what acceleration explains taken out. After a step
+    among `shifts` only the frames since then count, axis by axis. Axes without any measurement are None.
+    """
+    values = np.full((len(results), 3), np.nan)
+    for i, r in enumerate(results):
+        if r.road is not None:
+            e = r.road.extrinsics
+            values[i] = e.height_m, e.pitch_rad, e.roll_rad
+    steady = np.ones(len(results), dtype=bool)
+    if motion is not None and len(results):
+        wheels = over_wheels(values, motion)
+        # A drive of a few metres never comes to where it saw the road.
+        values = remove_explained(wheels if np.isfinite(wheels).any() else values, motion)
+        steady = motion.steady
+    frames = np.array([r.frame for r in results], dtype=np.int64)
+    axes = []
+    for k, axis in enumerate(("height", "pitch", "roll")):
+        since = max((s.frame for s in shifts if s.axis == axis and s.kind == "step"), default=-1)
+        known = np.isfinite(values[:, k]) & (frames >= since)
+        chosen = known & steady if (known & steady).sum() >= 2 * _BLOCK else known
+        axes.append(_mean(values[chosen, k], _LEAST_SIGMA[k]))
+    return Rig(axes[0], axes[1], axes[2], yaw, lever_arm)
+
+
+def _mean(values: Array, least_sigma: float) -> Measured | None:
+    """Robust mean; its sigma from the scatter of block means, so that slow swings count as what they are."""
+    if len(values) == 0:
+        return None
+    centre = float(np.median(values))
+    spread = max(1.4826 * float(np.median(np.abs(values - centre))), 1e-12)
+    for _ in range(20):
+        weight = 1.0 / (1.0 + ((values - centre) / (2.0 * spread)) ** 2)
+        centre = float((weight * values).sum() / weight.sum())
+    count = len(values) // _BLOCK
+    if count >= 4:
+        blocks = np.median(values[: count * _BLOCK].reshape(count, _BLOCK), axis=1)
+        sigma = 1.4826 * float(np.median(np.abs(blocks - np.median(blocks)))) / np.sqrt(count)
+    else:
+        sigma = spread / np.sqrt(max(len(values) / _BLOCK, 1.0))
+    return Measured(centre, float(np.hypot(sigma, least_sigma)))

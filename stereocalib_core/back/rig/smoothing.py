@@ -1,0 +1,107 @@
+"""Height, pitch and roll of a whole drive: the filter forwards, then a look back over unbroken stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.back.rig.road_points import lean_on, road_planes
+from stereocalib_core.config import FilterConfig
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import FilteredExtrinsics, FrameResult
+
+if TYPE_CHECKING:
+    from stereocalib_core.back.rig.body_filter import FilterStep
+
+Floats = NDArray[np.float64]
+
+
+def filter_drive(
+    results: Sequence[FrameResult],
+    config: FilterConfig | None = None,
+    dense: StereoCamera | None = None,
+) -> FilteredExtrinsics:
+    """The filtered extrinsics of a drive.
+
+    dense: the camera, where the results are of the method `paper`. Its stated covariance knows nothing of camber
+    and twist, and tracked road points count where they are surer; the direct alignment is as sure as they are.
+
+    With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
+    was predicted stays as it was predicted: later frames do not bridge a gap.
+    """
+    # not before a drive is filtered: filterpy brings half a second of imports
+    from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance
+
+    config = config or FilterConfig()
+    rig = RigFilter(config)
+    steps: list[FilterStep] = []
+    persistent: list[Floats] = []
+    measured, covariances = _measured(results, config, dense)
+    for result, z, R in zip(results, measured, covariances, strict=True):
+        steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
+        persistent.append(rig.persistent)
+    values = np.array([s.values for s in steps]).reshape(-1, 3)
+    covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
+    if config.look_ahead:
+        for first, last in _stretches(steps):
+            for i, (x, P) in zip(
+                range(last, first - 1, -1), _backwards(steps[first : last + 1]), strict=True
+            ):
+                values[i] = x[:3] + x[3:6]
+                covariance[i] = measured_covariance(P) + persistent[i]
+    covariance += _bends(results)
+    return FilteredExtrinsics(values, covariance, tuple(s.state for s in steps))
+
+
+def _measured(
+    results: Sequence[FrameResult], config: FilterConfig, dense: StereoCamera | None
+) -> tuple[Floats, Floats]:
+    """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
+    values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
+    for i, result in enumerate(results):
+        if result.road is not None:
+            e = result.road.extrinsics
+            values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
+    if dense is None:
+        return values, covariance
+    return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)
+
+
+def _bends(results: Sequence[FrameResult]) -> Floats:
+    """(N, 3, 3) what the road's bend ahead adds to each frame, through a gap that of the frame before it.
+
+    The filter follows the nearer road as each pair does; that the lane as a whole lies otherwise is no noise.
+    """
+    added, last = np.zeros((len(results), 3, 3)), np.zeros((3, 3))
+    for i, result in enumerate(results):
+        last = last if result.road is None else result.road.bend_covariance
+        added[i] = last
+    return added
+
+
+def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:
+    """First and last of every run of updated frames over which the filter did not begin anew."""
+    found: list[tuple[int, int]] = []
+    for i, step in enumerate(steps):
+        if step.state != "updated":
+            continue
+        if found and found[-1][1] == i - 1 and step.joined:
+            found[-1] = (found[-1][0], i)
+        else:
+            found.append((i, i))
+    return found
+
+
+def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Floats, Floats]]:
+    """Smoothed states and covariances of consecutive frames, last frame first."""
+    x, P = steps[-1].x, steps[-1].P
+    smoothed = [(x, P)]
+    for now, later in zip(steps[-2::-1], steps[:0:-1], strict=True):
+        gain = np.linalg.solve(later.P_prior, later.F @ now.P).T
+        x = now.x + gain @ (x - later.x_prior)
+        P = now.P + gain @ (P - later.P_prior) @ gain.T
+        smoothed.append((x, P))
+    return smoothed

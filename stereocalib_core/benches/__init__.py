@@ -1,0 +1,1 @@
+"""Speeds as ratios to a yardstick; nothing imports this."""

@@ -1,0 +1,31 @@
+"""Camera to 3-D LiDAR by chessboard planes (Zheng et al. 2018, and beyond it).
+
+`detect` looks at every picture and cloud once; `calibrate` solves for any choice of the pairs in
+milliseconds; `run` does both from a folder and writes the report.
+"""
+
+import numpy as np
+
+from stereocalib_core.boards.calibrate import calibrate, ticked_mask
+from stereocalib_core.boards.calibration import Calibration, HeldOut, PairResult
+from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.detect import Detection, detect
+from stereocalib_core.boards.folder import BoardFolder, open_folder
+from stereocalib_core.boards.observability import Observability
+from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
+from stereocalib_core.boards.outline import overlaps
+from stereocalib_core.boards.pcd import lzf_decompress
+from stereocalib_core.boards.refine import Iteration, Noise
+from stereocalib_core.boards.run import run
+
+__all__ = [
+    "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Noise",
+    "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect", "open_folder",
+    "run", "ticked_mask", "warm_up",
+]  # fmt: skip
+
+
+def warm_up() -> None:
+    """Compile what is compiled: the outline search, the unpacker of compressed PCD files."""
+    lzf_decompress(np.array([0, 7], dtype=np.uint8), 1)
+    overlaps(np.zeros((1, 2)), np.ones(1, dtype=bool), np.ones(2), 0.0, np.zeros(1), np.zeros((1, 2)))

@@ -1,0 +1,173 @@
+"""Settings of what is seen in one stereo pair: pictures, disparity, free map, profile, lane, direct alignment."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic.dataclasses import dataclass
+
+from stereocalib_core.config.strict import STRICT
+
+
+@dataclass(frozen=True, config=STRICT)
+class DisparityConfig:
+    """Dense matching. `scale` 2 matches at half resolution, 1 at full."""
+
+    scale: Literal[1, 2] = 2
+    max_disparity_px: int = 128
+    """Largest disparity searched, in full-resolution pixels."""
+    block_size: Literal[1, 3, 5, 7, 9, 11] = 3
+    small_step_penalty: int = 8
+    """SGBM's P1. The matcher's downward pass drags each row towards the disparity of the row above, and a road
+    grows nearer row by row: the usual 200 costs 0.25 px of disparity (0.06 deg of pitch), 8 costs 0.02 px."""
+    large_step_penalty: int = 600
+    """SGBM's P2."""
+    min_valid_fraction: float = 0.10
+    """Fewer valid pixels than this below the middle row: NO_DISPARITY."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class FreeMapConfig:
+    """Obstacles by u-disparity."""
+
+    bin_px: float = 1.0
+    """Width of a disparity bin."""
+    road_height_m: float = 2.0
+    """A camera at most this high over a road: sets how many rows the road itself puts into a bin."""
+    road_margin: float = 1.5
+    """How much more than the road's own rows makes an obstacle."""
+    obstacle_height_m: float = 0.25
+    """Lower things are not told from the road."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class ProfileConfig:
+    """Road profile and roll of the paper."""
+
+    min_height_m: float = 0.5
+    max_height_m: float = 3.0
+    max_pitch_rad: float = 0.19
+    min_disparity_px: float = 8.0
+    """Farther cells are not used."""
+    corridor_half_width_m: float = 3.0
+    """Cells farther to the side are not used: roads are cambered."""
+    search_slopes: int = 48
+    """Heights tried between the smallest and the largest, evenly in their logarithm."""
+    search_cells: int = 2000
+    """Cells that vote for the first line."""
+    search_relative_tolerance: float = 0.06
+    """Half width of the band about the first line, as a share of disparity: a rolled road is a wedge."""
+    relative_tolerance: float = 0.02
+    tolerance_px: float = 1.0
+    rounds: int = 6
+    min_inliers: int = 300
+    min_support: float = 0.2
+    """A smaller share of the free cells ahead on the profile: NO_ROAD."""
+    roll_half_width_m: float = 3.0
+    """Roll needs width more than the profile does: cells this far to the side vote."""
+    roll_min_disparity_px: float = 20.0
+    roll_tolerance_px: float = 1.5
+    roll_trials: int = 40
+    correlated_cells: float = 12.0
+    """Neighbouring cells share their error: so many count as one."""
+    systematic_height_m: float = 0.008
+    systematic_pitch_deg: float = 0.05
+    systematic_roll_deg: float = 0.07
+    """1 sigma that averaging does not remove: the camber and twist of roads, which one line and one slope take in."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class DirectConfig:
+    """Direct alignment of the road plane."""
+
+    near_m: float = 4.0
+    far_m: float = 20.0
+    lane_half_width_m: float = 1.75
+    """The lane that the plane is meant for: so far to the side, from `near_m` to `far_m`."""
+    fit_half_width_m: float = 2.4
+    """The road beside the lane helps to tell roll from camber, as far as this."""
+    uneven_beside: float = 0.008
+    """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
+    patch_half_width_px: int = 6
+    patch_half_height_px: int = 3
+    pinhole_cells: int = 5
+    """Holes of the free map up to this size are not an edge."""
+    min_solid: float = 0.9
+    """Smaller shares of a patch on the free map: it hangs over an edge."""
+    iterations: int = 3
+    robust_rounds: int = 3
+    tukey: float = 4.5
+    """Residuals beyond so many robust sigmas are rejected."""
+    min_scale: float = 0.7
+    min_chi2: float = 0.6
+    """Residuals smaller than their noise make no fit surer than this share of its variance."""
+    noise_floor_px: float = 0.01
+    initial_unevenness_m: float = 0.004
+    max_unevenness_m: float = 0.008
+    """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""
+    uneven_length_m: float = 1.5
+    """Road heights closer than this rise and fall together."""
+    min_bend_m: float = 0.0003
+    max_bend_m: float = 0.02
+    bend_sizes: int = 7
+    """Camber and twist are tried at so many sizes between the smallest and the largest, 1 sigma."""
+    bend_reluctance: float = 0.5
+    """A size is expected beforehand in proportion to its inverse to this power: most roads are nearly flat."""
+    further_bend_m: float = 0.0003
+    further_per_twist: float = 1.1
+    further_per_roughness: float = 1.0
+    further_unseen_m: float = 0.004
+    """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
+    the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
+    min_patches: int = 40
+    agree_height_m: float = 0.06
+    rough_range_m: float = 12.0
+    max_roughness_m: float = 0.023
+    """Rms height over the plane up to `rough_range_m`; more (a speed hump at the bumper): NOT_PLANAR."""
+    min_agreement: float = 0.75
+    """A smaller share of the lane's patches within `agree_height_m`: NOT_PLANAR."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class LaneConfig:
+    """When a plane counts as the road in front of the car."""
+
+    near_m: float = 4.0
+    far_m: float = 20.0
+    near_only_m: float = 12.0
+    """Where the road bends away, the plane of the nearer part up to here is tried."""
+    half_width_m: float = 1.75
+    agree_height_m: float = 0.06
+    agree_px: float = 0.9
+    """A cell agrees within this height or this disparity, whichever is more."""
+    min_covered: float = 0.3
+    """Less of the lane free: NO_ROAD."""
+    min_agreement: float = 0.8
+    """Less of the free lane on the plane: NOT_PLANAR."""
+    min_agreement_near: float = 0.815
+    min_agreeing_cells: int = 200
+
+
+@dataclass(frozen=True, config=STRICT)
+class ImageConfig:
+    """What a picture needs before it is looked at; grey levels 0...255 of the lower half."""
+
+    min_mean: float = 10.0
+    """Darker: DARK."""
+    max_saturated: float = 0.6
+    """More pixels at 254 or above: SATURATED."""
+    min_gradient: float = 0.8
+    """Mean absolute horizontal difference [grey levels per px]; less: FLAT_TEXTURE."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class LimitsConfig:
+    """Where an estimate is not believed: OUT_OF_RANGE, TOO_UNCERTAIN (1 sigma)."""
+
+    min_height_m: float = 0.5
+    max_height_m: float = 3.0
+    max_pitch_rad: float = 0.1745
+    max_roll_rad: float = 0.1745
+    max_height_sigma_m: float = 0.08
+    max_pitch_sigma_rad: float = 0.0105
+    max_roll_sigma_rad: float = 0.0175

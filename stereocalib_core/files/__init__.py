@@ -1,0 +1,1 @@
+"""Drive to bytes and back: every file that a run writes or reads."""

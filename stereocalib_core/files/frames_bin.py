@@ -1,0 +1,245 @@
+"""An append-only file of finished frames, from which a killed run goes on; a finished run leaves it as `frames.bin`.
+
+Layout: `MAGIC`, then records of `length, crc32, payload` (little endian). The first payload is a JSON header
+that names source, settings and first frame; every other one is a frame: the length of a JSON part, the JSON,
+and the raw arrays that it describes. Nothing in it is executed, and a record cut off by a kill is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.errors import Failure, FailureReason, OutputError
+from stereocalib_core.front.pipeline import FrontEndMemory
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    RectificationSample,
+    RoadEstimate,
+    RoadResidual,
+    Tracks,
+)
+
+MAGIC = b"stereocalib checkpoint 3\n"
+MAX_RECORD = 64 * 1024 * 1024
+_HEAD = struct.Struct("<II")
+
+
+@dataclass(frozen=True)
+class Done:
+    """A finished frame: its result, what the front end remembered after it, and how long it took."""
+
+    result: FrameResult
+    memory: FrontEndMemory
+    total_ms: float
+
+
+class Checkpoint:
+    """Writes one. Every record reaches the operating system before the next frame begins."""
+
+    def __init__(self, path: Path, header: Mapping[str, Any], keep: int | None = None) -> None:
+        """Start a file, or go on after its first `keep` bytes."""
+        self.path = path
+        flags = os.O_WRONLY | os.O_CREAT | (0 if keep else os.O_TRUNC)
+        try:
+            self._file = os.open(path, flags, 0o644)
+            if keep:
+                os.ftruncate(self._file, keep)
+                os.lseek(self._file, 0, os.SEEK_END)
+            else:
+                _write(self._file, MAGIC + _framed(_canonical(header)))
+        except OSError as error:
+            raise OutputError(
+                "checkpoint cannot be written", path, error.strerror or "check the disk"
+            ) from error
+
+    def append(self, done: Done) -> Done:
+        """Add a finished frame; gives it as it will be read again, so that both ways lead to the same bits."""
+        payload = _pack(done)
+        try:
+            _write(self._file, _framed(payload))
+        except OSError as error:
+            remedy = error.strerror or "check the disk"
+            raise OutputError("checkpoint cannot be written", self.path, remedy) from error
+        return _unpack(payload)
+
+    def close(self) -> None:
+        """Close the file and leave it."""
+        os.close(self._file)
+
+
+def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], int]:
+    """The finished frames of an earlier run of the same `header`, and how many bytes of the file are whole.
+
+    Raises OutputError for a file of other source or settings, or one that is no checkpoint.
+    """
+    stored, payloads, whole = _records(path)
+    now = json.loads(_canonical(header))
+    if stored != now:
+        changed = " and ".join(key for key in now if stored.get(key) != now[key]) or "something"
+        remedy = f"{changed} changed; give the same options, or start afresh with --overwrite"
+        raise OutputError("run of another source or other settings", path.parent, remedy)
+    return _frames(path, payloads), whole
+
+
+def read_frames(path: Path) -> tuple[dict[str, Any], list[Done]]:
+    """Header and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
+    header, payloads, _ = _records(path)
+    return header, _frames(path, payloads)
+
+
+def _records(path: Path) -> tuple[dict[str, Any], list[bytes], int]:
+    """Header, frames, and how many bytes of the file are whole."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise OutputError("checkpoint cannot be read", path, error.strerror or "check its rights") from error
+    if not data.startswith(MAGIC):
+        raise OutputError("no checkpoint", path, "start afresh with --overwrite")
+    payloads, at = [], len(MAGIC)
+    while at + _HEAD.size <= len(data):
+        length, checksum = _HEAD.unpack_from(data, at)
+        payload = data[at + _HEAD.size : at + _HEAD.size + length]
+        if length > MAX_RECORD or len(payload) < length or zlib.crc32(payload) != checksum:
+            break
+        payloads.append(payload)
+        at += _HEAD.size + length
+    try:
+        header = dict(json.loads(payloads[0]))
+    except (IndexError, ValueError, TypeError) as error:
+        raise OutputError("checkpoint without a header", path, "start afresh with --overwrite") from error
+    return header, payloads[1:], at
+
+
+def _frames(path: Path, payloads: list[bytes]) -> list[Done]:
+    try:
+        return [_unpack(payload) for payload in payloads]
+    except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
+        raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
+
+
+def _canonical(header: Mapping[str, Any]) -> bytes:
+    return json.dumps(header, sort_keys=True).encode()
+
+
+def _framed(payload: bytes) -> bytes:
+    return _HEAD.pack(len(payload), zlib.crc32(payload)) + payload
+
+
+def _write(file: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(file, view) :]
+
+
+class _Arrays:
+    """Arrays put aside while the rest goes into JSON, which gets their place, type and shape."""
+
+    def __init__(self, data: bytes = b"") -> None:
+        self.data = bytearray(data)
+
+    def put(self, array: NDArray[Any] | None) -> Any:
+        if array is None:
+            return None
+        place = [len(self.data), array.dtype.str, list(array.shape)]
+        self.data += np.ascontiguousarray(array).tobytes()
+        return place
+
+    def get(self, place: Any) -> Any:
+        if place is None:
+            return None
+        offset, kind, shape = place
+        if kind not in ("<f8", "<f4", "|b1"):
+            raise ValueError(kind)
+        count = int(np.prod(shape, dtype=np.int64))
+        return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
+
+
+def _pack(done: Done) -> bytes:
+    r, arrays = done.result, _Arrays()
+    road, sample, tracks = r.road, r.rectification, r.tracks
+    values = {
+        "frame": r.frame,
+        "timestamp_s": r.timestamp_s,
+        "road": None
+        if road is None
+        else [
+            asdict(road.extrinsics),
+            arrays.put(road.covariance),
+            road.inliers,
+            road.free_fraction,
+            list(road.range_m),
+            list(road.bend),
+        ],
+        "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
+        "free_fraction": r.free_fraction,
+        "inliers": r.inliers,
+        "rectification": None
+        if sample is None
+        else [arrays.put(sample.values), arrays.put(sample.covariance), sample.matches, sample.keystone_rad],
+        "tracks": None
+        if tracks is None
+        else [arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous],
+        "checks": [asdict(check) for check in r.checks],
+        "timing_ms": dict(r.timing_ms),
+        "lidar": None
+        if r.lidar is None
+        else [arrays.put(r.lidar.values), arrays.put(r.lidar.covariance), r.lidar.points],
+        "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
+        "total_ms": done.total_ms,
+    }
+    text = json.dumps(values, default=_number).encode()
+    return struct.pack("<I", len(text)) + text + bytes(arrays.data)
+
+
+def _number(value: Any) -> Any:
+    """numpy scalars to the Python numbers they equal."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(type(value).__name__)
+
+
+def _unpack(payload: bytes) -> Done:
+    (length,) = struct.unpack_from("<I", payload)
+    values = json.loads(payload[4 : 4 + length])
+    arrays = _Arrays(payload[4 + length :])
+    road, failure = values["road"], values["failure"]
+    sample, tracks, memory = values["rectification"], values["tracks"], values["memory"]
+    lidar = values["lidar"]
+    result = FrameResult(
+        values["frame"],
+        values["timestamp_s"],
+        None
+        if road is None
+        else RoadEstimate(
+            Extrinsics(**road[0]),
+            arrays.get(road[1]),
+            road[2],
+            road[3],
+            (road[4][0], road[4][1]),
+            (road[5][0], road[5][1]),
+        ),
+        None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
+        values["free_fraction"],
+        values["inliers"],
+        None
+        if sample is None
+        else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
+        None if tracks is None else Tracks(arrays.get(tracks[0]), arrays.get(tracks[1]), tracks[2]),
+        tuple(Check(**check) for check in values["checks"]),
+        MappingProxyType(values["timing_ms"]),
+        None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
+    )
+    return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

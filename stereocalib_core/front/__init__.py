@@ -1,0 +1,1 @@
+"""Pixels, once a frame: a stereo frame to its result."""

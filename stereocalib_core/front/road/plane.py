@@ -1,0 +1,203 @@
+"""Direct road-plane alignment: left against right over the disparity plane of the car's own lane.
+
+The lane is tiled with small patches. Each patch is warped by the current plane, aligned by one
+Gauss-Newton step in disparity (its own gain and bias, so exposure and shade do not matter), and the plane
+is fitted robustly to the patches' offsets. Repeating this converges to the photometric optimum over the
+plane's three parameters while cars, kerbs and specular spots show as single patches and drop out; the
+patches' scatter gives the covariance.
+
+A road is not flat to the millimetre. Its unevenness, estimated from the scatter that the pictures'
+noise does not explain, is a height error shared within `uneven_length_m`; weighting by it makes the
+plane the least-squares plane of the surface rather than of the image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import DirectConfig
+from stereocalib_core.front.road.patches import align, lay_patches, offsets_of
+from stereocalib_core.front.road.surface import (
+    SLOTS,
+    bends,
+    fit_lane,
+    further_bends,
+    left_roughness,
+    unmodelled_covariance,
+    unseen_share,
+)
+from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
+from stereocalib_core.numeric.threads import shared_pool
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PatchFit:
+    """Patches (N,) with image centre u, v [px], road distance z [m], offset from the plane and its noise sigma [px].
+
+    weight: (N,) 0...1 robust weight of the last fit; 0 = rejected.
+    """
+
+    u: Float
+    v: Float
+    z: Float
+    offset_px: Float
+    sigma_px: Float
+    weight: Float
+
+
+@dataclass(frozen=True)
+class DirectFit:
+    """extrinsics with (3, 3) covariance of height [m], pitch, roll [rad].
+
+    unevenness_m: height scatter of the road that the noise does not explain, 1 sigma.
+    agreement: share of the lane's patches within `agree_height_m` of the plane, 0...1.
+    roughness_m: rms height of the lane's nearer part over the plane, over its surface, rejected patches included.
+    """
+
+    extrinsics: Extrinsics
+    covariance: Float
+    patches: PatchFit
+    unevenness_m: float
+    agreement: float
+    roughness_m: float
+
+
+def fit_direct(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    camera: StereoCamera,
+    start: Extrinsics,
+    allowed: NDArray[np.bool_],
+    step_px: int,
+    reach_m: float,
+    config: DirectConfig,
+) -> DirectFit | None:
+    """Align right (H, W) to left (H, W) over the road plane, from `start`; `allowed` (h, w) is the free map.
+
+    The plane is meant over the whole lane of `config`; only what is nearer than `reach_m` is looked at.
+
+    None when too few patches have texture or the fit degenerates.
+    """
+    plane = start.disparity_plane(camera)
+    parameters = np.array([plane.a, plane.b, plane.c_px])
+    f, cx, cy, b = (float(x) for x in (camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m))
+    half_u, half_v = config.patch_half_width_px, config.patch_half_height_px
+    us, vs, z = lay_patches(
+        camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v,
+        config.near_m, reach_m, config.fit_half_width_m, *_solid(allowed, config), step_px, config.min_solid,
+    )  # fmt: skip
+    if len(us) < config.min_patches:
+        return None
+    x_m = (us - cx) * z / f
+    J_plane = np.column_stack([vs - cy, us - cx, np.ones(len(us))])
+    px_per_m = f * b / (start.height_m * z)
+    J_bends = bends(x_m, z, config) * px_per_m[:, None]
+    J = np.hstack([J_plane, J_bends])
+    area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * start.height_m)
+    shared = np.maximum(config.uneven_length_m**2 / area, 1.0)
+    beside = config.uneven_beside * np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
+    sums, trust = np.empty((len(us), 6)), np.ones(len(us))
+    pixels = (2 * half_u + 1) * (2 * half_v + 1)
+    unevenness = config.initial_unevenness_m
+    bent = np.zeros(len(us))
+    for iteration in range(config.iterations):
+        _align_on_two(left, right, camera, parameters, bent, us, vs, config, sums)
+        offsets, sigmas = offsets_of(sums, us.astype(np.float64) - cx, trust, pixels)
+        offsets = offsets + bent
+        seen = np.isfinite(sigmas)
+        if np.count_nonzero(seen) < config.min_patches:
+            return None
+        noise = sigmas[seen] ** 2 + config.noise_floor_px**2
+        road = px_per_m[seen] ** 2
+        variance = noise + (unevenness**2 * shared[seen] + beside[seen] ** 2) * road
+        try:
+            fit = fit_lane(J[seen], offsets[seen], variance, config)
+        except np.linalg.LinAlgError:
+            return None
+        parameters = parameters + fit.solution[:SLOTS]
+        bent = J_bends @ fit.solution[SLOTS:]
+        trust = np.zeros(len(us))
+        trust[seen] = fit.robust
+        if iteration + 1 < config.iterations:
+            unevenness = min(
+                _unevenness(fit.residual, noise, road, fit.robust, config), config.max_unevenness_m
+            )
+    if not np.all(np.isfinite(parameters)) or parameters[0] <= 0:
+        return None
+    extrinsics = DisparityPlane(*(float(p) for p in parameters)).extrinsics(camera)
+    over_plane_m = (offsets - J_plane @ fit.solution[:SLOTS]) / px_per_m
+    in_lane = seen & (np.abs(x_m) <= config.lane_half_width_m)
+    if not in_lane.any():
+        return None
+    covariance = fit.covariance + unmodelled_covariance(
+        fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
+        left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
+        unseen_share(x_m[seen], z[seen], config), config,
+    )  # fmt: skip
+    to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
+    return DirectFit(
+        extrinsics,
+        to_extrinsics @ covariance[:SLOTS, :SLOTS] @ to_extrinsics.T,
+        PatchFit(us.astype(np.float64), vs.astype(np.float64), z, over_plane_m * px_per_m, sigmas, trust),
+        unevenness,
+        float(np.mean(np.abs(over_plane_m[in_lane]) < config.agree_height_m)),
+        _roughness(over_plane_m, z, in_lane, config),
+    )
+
+
+def _align_on_two(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    camera: StereoCamera,
+    parameters: Float,
+    bent: Float,
+    us: NDArray[np.int64],
+    vs: NDArray[np.int64],
+    config: DirectConfig,
+    sums: Float,
+) -> None:
+    """`align` with half of the patches on a second core; each patch is on its own, so the bits are the same."""
+
+    def part(of: slice) -> None:
+        align(
+            left, right, camera.cx_px, camera.cy_px, camera.disparity_offset_px, parameters, bent[of],
+            us[of], vs[of], config.patch_half_width_px, config.patch_half_height_px, sums[of],
+        )  # fmt: skip
+
+    middle = len(us) // 2
+    other = shared_pool("align", 1).submit(part, slice(middle, None))
+    part(slice(0, middle))
+    other.result()
+
+
+def _solid(allowed: NDArray[np.bool_], config: DirectConfig) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    """The mask and the (h + 1, w + 1) sums of it with its pinholes closed: what tells an edge from a hole."""
+    hole = np.ones((config.pinhole_cells, config.pinhole_cells), np.uint8)
+    closed = cv2.morphologyEx(allowed.view(np.uint8), cv2.MORPH_CLOSE, hole)
+    return allowed, np.asarray(cv2.integral(closed), dtype=np.int32)
+
+
+def _roughness(over_plane: Float, z: Float, seen: NDArray[np.bool_], config: DirectConfig) -> float:
+    """Rms height [m] over the plane up to `rough_range_m`; a patch stands for z^3 of surface."""
+    near = seen & (z < config.rough_range_m)
+    if not near.any():
+        return 0.0
+    return float(np.sqrt(np.average(np.minimum(over_plane[near] ** 2, 0.04), weights=z[near] ** 3)))
+
+
+def _unevenness(residual: Float, noise: Float, road: Float, robust: Float, config: DirectConfig) -> float:
+    """1 sigma of road height [m] that explains the scatter beyond the noise, by moments of the kept patches."""
+    keep = robust > 0
+    excess = (residual[keep] ** 2 - noise[keep]) / road[keep]
+    # weights by the precision of each patch's own excess
+    w = 1.0 / (noise[keep] / road[keep] + config.initial_unevenness_m**2) ** 2
+    mean = np.sum(w * excess) / np.sum(w)
+    # What the noise alone would give is not unevenness: two standard errors are taken off.
+    error = np.sqrt(np.sum(2.0 * (w * noise[keep] / road[keep]) ** 2)) / np.sum(w)
+    return float(np.sqrt(max(mean - 2.0 * error, 0.0)))

@@ -1,0 +1,163 @@
+"""Where to track: corners of the left picture, well spread, with the disparity of their pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereocalib_core.front.road.stages import DisparityMap
+from stereocalib_core.front.tracks.patches import HALF, match_rows
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+ROAD_CELL_PX = (32, 10)
+"""Width and height of the cells that give one road corner each; low, for a road is seen at a flat angle."""
+ABOVE_CELL_PX = (64, 40)
+"""The same for points above the road."""
+
+MAX_ROAD, MAX_ABOVE = 260, 150
+"""Corners kept before tracking."""
+
+ROAD_TOLERANCE_PX = 1.0
+"""|measured disparity - disparity of the plane| of a point on the road."""
+
+ABOVE_ROAD_M = 0.4
+"""Height above the road from which a point counts as off the road."""
+
+ROAD_RANGE_M = (4.0, 30.0)
+HALF_ROAD_M = 7.0
+"""Distance ahead and to the side within which the road is taken for a plane."""
+
+MIN_CORRELATION = 0.75
+"""Left-right correlation of a patch that is believed."""
+
+
+@dataclass(frozen=True)
+class Corners:
+    """points: (N, 2) left u, v [px]. disparity: (N,) geometric [px]. on_road: (N,) bool."""
+
+    points: Array
+    disparity: Array
+    on_road: NDArray[np.bool_]
+
+
+def halve(image: Image) -> Image:
+    """2x2 means; an odd last row or column is cut."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    return np.asarray(
+        cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA),
+        dtype=np.uint8,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _best_of_cells(
+    score: NDArray[np.float32],
+    disparity: NDArray[np.float32],
+    plane: Array,
+    cell: tuple[int, int],
+    want_road: bool,
+    tolerance: float,
+    limits: Array,
+    min_score: float,
+) -> Array:
+    """(N, 5) column, row, score, disparity, plane disparity of the best cell of each grid cell (half size).
+
+    plane: disparity by half-size column, row and 1; zero = no road known. limits: least and largest plane
+    disparity, then the half width in disparity units per column, used for road points.
+    """
+    rows, columns = score.shape
+    border = HALF // 2 + 2
+    width, height = cell
+    found = np.empty(((rows // height + 1) * (columns // width + 1), 5))
+    count = 0
+    for top in range(border, rows - border, height):
+        for left in range(border, columns - border, width):
+            best = min_score
+            for i in range(top, min(top + height, rows - border)):
+                for j in range(left, min(left + width, columns - border)):
+                    s = score[i, j]
+                    if not s > best:
+                        continue
+                    d = disparity[i, j]
+                    if not d > 1.0:
+                        continue
+                    road = plane[0] * j + plane[1] * i + plane[2]
+                    if want_road:
+                        inside = limits[0] < road < limits[1] and abs(j - limits[3]) < limits[2] * road
+                        good = inside and abs(d - road) < tolerance
+                    else:
+                        good = d - road > limits[4] * d
+                    if good:
+                        best = s
+                        found[count, 0], found[count, 1], found[count, 2] = j, i, s
+                        found[count, 3], found[count, 4] = d, road
+            if best > min_score:
+                count += 1
+    return found[:count]
+
+
+def find_corners(
+    camera: StereoCamera,
+    left: Image,
+    right: Image,
+    half_left: Image,
+    extrinsics: Extrinsics,
+    disparity: DisparityMap,
+    road_known: bool,
+) -> Corners:
+    """Corners on and above the road, their disparity refined; left, right (H, W), half_left (H // 2, W // 2).
+
+    `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
+    """
+    score = np.asarray(cv2.cornerMinEigenVal(half_left, 5, ksize=3), dtype=np.float32)
+    values = disparity.values if disparity.step_px == 2 else disparity.values[::2, ::2]
+    rows, columns = min(score.shape[0], values.shape[0]), min(score.shape[1], values.shape[1])
+    p = extrinsics.disparity_plane(camera)
+    # half-size column j is u = 2 j + 0.5
+    plane = np.array(
+        [2 * p.b, 2 * p.a, p.a * (0.5 - camera.cy_px) + p.b * (0.5 - camera.cx_px) + p.c_px], dtype=np.float64
+    )
+    fb = camera.focal_px * camera.baseline_m
+    limits = np.array(
+        [
+            fb / ROAD_RANGE_M[1],
+            fb / ROAD_RANGE_M[0],
+            HALF_ROAD_M / camera.baseline_m / 2,
+            (camera.cx_px - 0.5) / 2,
+            ABOVE_ROAD_M / extrinsics.height_m,
+        ]
+    )
+    score = np.ascontiguousarray(score[:rows, :columns])
+    values = np.ascontiguousarray(values[:rows, :columns])
+    least = 2e-6
+    cell = (ROAD_CELL_PX[0] // 2, ROAD_CELL_PX[1] // 2)
+    road = _best_of_cells(score, values, plane, cell, True, ROAD_TOLERANCE_PX + 0.5, limits, least)
+    road = road[np.argsort(-road[:, 2], kind="stable")[: MAX_ROAD if road_known else 0]]
+    cell = (ABOVE_CELL_PX[0] // 2, ABOVE_CELL_PX[1] // 2)
+    above = _best_of_cells(score, values, plane, cell, False, 0.0, limits, 4 * least)
+    above = above[np.argsort(-above[:, 2], kind="stable")[:MAX_ABOVE]]
+    points = np.concatenate([road, above])
+    on_road = np.arange(len(points)) < len(road)
+    uv = np.floor(2 * points[:, :2] + 1.0)
+    expected = np.where(on_road, p.disparity(camera, uv[:, 0], uv[:, 1]), points[:, 3])
+    offset = camera.disparity_offset_px
+    refined = (
+        match_rows(left, right, uv, expected + offset, slopes(p.a, p.b, on_road), MIN_CORRELATION, 2.0)
+        - offset
+    )
+    keep = (
+        np.isfinite(refined) & (refined > 1.0) & (~on_road | (np.abs(refined - expected) < ROAD_TOLERANCE_PX))
+    )
+    return Corners(uv[keep], refined[keep], on_road[keep])
+
+
+def slopes(a: float, b: float, on_road: NDArray[np.bool_]) -> Array:
+    """(N, 2) slope of disparity along u and v: the road's for road points, none for others."""
+    return np.where(on_road[:, None], np.array([b, a]), 0.0)

@@ -1,0 +1,204 @@
+"""Points of the road, and above it, followed from one stereo pair to the next.
+
+Corners that lie on the measured road are looked for where the road plane and the predicted motion say (the
+patch is warped by the plane's homography, whose local part is `affine`), points above it where their own
+depth says. A point is kept when it comes back (forward and backward), when its left-right match is found in
+both frames, and when it moves with the world: what the pair's own robust motion does not explain in row,
+column and disparity (cars, shadows, reflections) is dropped. No correction setting enters anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.front.road.stages import DisparityMap
+from stereocalib_core.front.tracks.corners import MIN_CORRELATION, Corners, find_corners, halve, slopes
+from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
+from stereocalib_core.front.tracks.patches import follow, match_rows
+from stereocalib_core.front.tracks.search import search_motion
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.numeric.small_algebra import rotation_from_vector
+from stereocalib_core.results import Tracks
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+TOLERANCE_PX = 1.5
+"""How far a point may be from where the pair's motion puts it."""
+DISPARITY_TOLERANCE_PX = 1.0
+
+MIN_AGREEMENT = 0.55
+"""Share of the points that must move together, else the prediction was wrong and is searched for."""
+
+ROAD_VOTES = 2.0
+"""What a road point counts against one above it: a passing lorry may fill the picture, but not the road."""
+
+MIN_CONSENT = 0.4
+"""Share of the points found again that must move together, else no motion is believed."""
+
+MIN_POINTS = 12
+"""Fewer points than this make no tracks."""
+
+MAX_JUMP = 4
+"""Frames that may be missing between the two of a pair."""
+
+MIN_TRACK_CORRELATION = 0.75
+MAX_RETURN_PX = 0.4
+
+
+@dataclass(frozen=True)
+class PairView:
+    """What the tracker sees of one stereo pair.
+
+    left, right: (H, W) uint8. disparity: the pair's own. extrinsics: the pair's own road, or where it shows
+    none (`road_known` False) the last known or nominal one.
+    """
+
+    index: int
+    left: Image
+    right: Image
+    disparity: DisparityMap
+    extrinsics: Extrinsics
+    road_known: bool = True
+
+
+@dataclass(frozen=True)
+class TrackerState:
+    """The last usable pair, its pyramid (full, half, quarter size), its corners, and how it was reached.
+
+    motion: (6,) rotation vector [rad], translation [m] of T_current_previous per frame; None = not known.
+    """
+
+    view: PairView | None = None
+    pyramid: tuple[Image, Image, Image] | None = field(default=None, repr=False)
+    corners: Corners | None = field(default=None, repr=False)
+    motion: Array | None = None
+
+
+def advance(camera: StereoCamera, state: TrackerState, view: PairView) -> tuple[TrackerState, Tracks | None]:
+    """The next usable pair: the new state, and the tracks from the pair before, if there are any."""
+    half = halve(view.left)
+    pyramid = (view.left, half, halve(half))
+    corners = find_corners(
+        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known
+    )
+    tracks: Tracks | None = None
+    motion: Array | None = None
+    if state.view is not None and state.pyramid is not None and state.corners is not None:
+        jump = view.index - state.view.index
+        if 0 < jump <= MAX_JUMP + 1:
+            tracks, found = _track(camera, state, view, pyramid, jump)
+            motion = None if found is None else found / jump
+    return TrackerState(view, pyramid, corners, motion), tracks
+
+
+def _track(
+    camera: StereoCamera, state: TrackerState, view: PairView, pyramid: tuple[Image, Image, Image], jump: int
+) -> tuple[Tracks | None, Array | None]:
+    """Tracks between the state's pair and `view`, and the motion between them."""
+    assert state.view is not None and state.pyramid is not None and state.corners is not None
+    corners = state.corners
+    if len(corners.points) < MIN_POINTS:
+        return None, None
+    f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
+    rays = np.empty((5, len(corners.points)))
+    rays[0] = (corners.points[:, 0] - camera.cx_px) / f
+    rays[1] = (corners.points[:, 1] - camera.cy_px) / f
+    rays[2] = corners.disparity / fb
+    motion: Array | None = None if state.motion is None else state.motion * jump
+    ok, agreement = np.zeros(len(corners.points), dtype=bool), 0.0
+    if motion is not None:
+        ok, motion, agreement = _follow(camera, state, pyramid, rays, motion, 1)
+    if agreement < MIN_AGREEMENT:
+        start = search_motion(state.pyramid[2], pyramid[2], rays, corners.on_road, camera, state.motion, jump)
+        retry = rays.copy()
+        ok_2, motion_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2)
+        if agreement_2 > agreement:
+            ok, motion, agreement, rays = ok_2, motion_2, agreement_2, retry
+    if motion is None or np.count_nonzero(ok) < MIN_POINTS:
+        return None, None
+    return _finish(camera, state, view, rays, ok, motion), motion
+
+
+def _follow(
+    camera: StereoCamera,
+    state: TrackerState,
+    pyramid: tuple[Image, Image, Image],
+    rays: Array,
+    predicted: Array,
+    coarsest: int,
+) -> tuple[NDArray[np.bool_], Array | None, float]:
+    """Track all corners from a predicted motion; fills rays[3:5].
+
+    Returns which points move together, their motion, and which share of all corners in sight they are.
+    """
+    assert state.view is not None and state.pyramid is not None and state.corners is not None
+    corners, f = state.corners, camera.focal_px
+    seen = reprojection(rays, predicted)
+    where = np.column_stack([seen[0] * f + camera.cx_px, seen[1] * f + camera.cy_px])
+    affine = patch_affine(rays, predicted, seen, corners.on_road, state.view.extrinsics)
+    found, ok = follow(
+        state.pyramid, pyramid, corners.points, where, affine, coarsest, MIN_TRACK_CORRELATION, MAX_RETURN_PX
+    )
+    inside = (where[:, 0] > 8) & (where[:, 0] < camera.width - 9)
+    inside &= (where[:, 1] > 8) & (where[:, 1] < camera.height - 9)
+    rays[3] = (found[:, 0] - camera.cx_px) / f
+    rays[4] = (found[:, 1] - camera.cy_px) / f
+    if np.count_nonzero(ok) < MIN_POINTS:
+        return ok, None, 0.0
+    votes = np.where(corners.on_road[ok], ROAD_VOTES, 1.0)
+    motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), votes, predicted, f, TOLERANCE_PX)
+    seen = reprojection(rays, motion)
+    followed = float(ok.sum())
+    ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < TOLERANCE_PX)
+    if ok.sum() < MIN_CONSENT * followed:
+        return ok, None, 0.0
+    return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(MIN_POINTS))
+
+
+def patch_affine(
+    rays: Array, motion: Array, seen: Array, on_road: NDArray[np.bool_], extrinsics: Extrinsics
+) -> Array:
+    """(N, 4) d(u', v') / d(u, v) of each point's surface: the road plane, or one that faces the camera."""
+    R = rotation_from_vector(motion[:3])
+    normal = np.where(on_road, 1.0, 0.0) * (extrinsics.plane().normal / extrinsics.height_m)[:, None]
+    depth = rays[2] / seen[2]
+    # d(q) / d(x, y) with q = R (x, y, 1) + t w; on the road the inverse depth w changes by n / h
+    du = R[:, :1] + motion[3:, None] * normal[0]
+    dv = R[:, 1:2] + motion[3:, None] * normal[1]
+    rows = [
+        (du[0] - seen[0] * du[2]) / depth,
+        (dv[0] - seen[0] * dv[2]) / depth,
+        (du[1] - seen[1] * du[2]) / depth,
+        (dv[1] - seen[1] * dv[2]) / depth,
+    ]
+    return np.ascontiguousarray(np.stack(rows, axis=1))
+
+
+def _finish(
+    camera: StereoCamera,
+    state: TrackerState,
+    view: PairView,
+    rays: Array,
+    ok: NDArray[np.bool_],
+    motion: Array,
+) -> Tracks:
+    """Left-right matches in the current frame, and the check that disparities change with the motion too."""
+    assert state.view is not None and state.corners is not None
+    corners, f, fb = state.corners, camera.focal_px, camera.focal_px * camera.baseline_m
+    pick = np.flatnonzero(ok)
+    on_road = corners.on_road[pick]
+    points = np.column_stack([rays[3, pick] * f + camera.cx_px, rays[4, pick] * f + camera.cy_px])
+    expected = reprojection(np.ascontiguousarray(rays[:, pick]), motion)[2] * fb
+    plane = view.extrinsics.disparity_plane(camera)
+    offset = camera.disparity_offset_px
+    tilt = slopes(plane.a, plane.b, on_road)
+    disparity = (
+        match_rows(view.left, view.right, points, expected + offset, tilt, MIN_CORRELATION, 3.0) - offset
+    )
+    good = np.abs(disparity - expected) < DISPARITY_TOLERANCE_PX
+    rows = np.column_stack([corners.points[pick], corners.disparity[pick], points, disparity])
+    return Tracks(rows[good].astype(np.float32), on_road[good], state.view.index)

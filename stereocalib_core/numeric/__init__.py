@@ -1,0 +1,1 @@
+"""Arithmetic without a word of the domain: robust loops, rotations, small algebra, threads."""

@@ -1,0 +1,1 @@
+"""A drive from its source to its files; many drives; two runs compared."""

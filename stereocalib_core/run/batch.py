@@ -1,0 +1,314 @@
+"""`stereocalib batch`: many drives on several processes or machines, by Dask.
+
+Every drive is a `run` into its own folder. A worker that dies loses nothing: another one takes its drive over
+from the checkpoint. A batch that is called again skips the drives whose files are whole and whose source and
+settings are the same.
+
+A local worker takes one core and leaves the others alone: drives are what runs in parallel, so N workers are N
+times as fast as one, where a single `run` already reads, renders and solves on other cores as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import functools
+import hashlib
+import json
+import logging
+import os
+import re
+import signal
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stereocalib_core import config as settings
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
+from stereocalib_core.files import io
+from stereocalib_core.files.output_folder import OutputFolder
+from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
+from stereocalib_core.sources import SourceKind, absolute, open_source, source_kind
+
+SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
+CONNECT_TIMEOUT_S = 10
+CLOSE_TIMEOUT_S, HURRY_S = 10.0, 0.4
+RETRIES = 2
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class BatchSummary:
+    """How many drives there are, how many are done, and why the result must not be trusted, if so."""
+
+    total: int
+    done: int
+    warning: str | None
+
+
+def run_batch(
+    specs: Sequence[str],
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    method: str | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> BatchSummary:
+    """Run every source into `out/<drive>/` and write summary.csv, summary.md and summary.png.
+
+    workers: local processes of one core each, default as many as there are cores. scheduler: address of a
+    running Dask scheduler instead, whose workers see the same paths. Raises StereoCalibError when not one
+    source can be a drive.
+    """
+    config = settings.from_dict({} if method is None else {"method": method})
+    specs = [full_spec(spec) for spec in specs]
+    unusable = _unusable(specs)
+    folder = OutputFolder(out, (MARKER,), overwrite, resume=(out / MARKER).is_file())
+    folder.create()
+    io.write_json(out / MARKER, {"made_by": "stereocalib batch"})
+    names = drive_names(specs)
+    outcomes: dict[str, DriveOutcome] = {}
+    waiting: list[tuple[str, str]] = []
+    for spec, name in zip(specs, names, strict=True):
+        if spec in unusable:
+            outcomes[name] = DriveOutcome(name, spec, "failed", unusable[spec])
+        elif (report := sealed_report(out / name, spec, config)) is not None and not overwrite:
+            outcomes[name] = DriveOutcome(name, spec, "done", report=report)
+        else:
+            waiting.append((spec, name))
+    if progress:
+        progress(len(outcomes), len(specs), "drives")
+    try:
+        if waiting:
+            with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
+                work = run_one if scheduler else functools.partial(run_one_on_its_core, usable_cores())
+                for outcome in _submit(client, work, waiting, out, config, overwrite):
+                    outcomes[outcome.name] = outcome
+                    if progress:
+                        progress(len(outcomes), len(specs), "drives")
+    except StereoCalibError:
+        folder.undo()
+        raise
+    ordered = [outcomes[name] for name in names]
+    write_summary(out, ordered)
+    return _summary(ordered)
+
+
+def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
+    failed = [o for o in outcomes if o.status == "failed"]
+    doubtful = [o for o in outcomes if o.report is not None and o.report.get("why_not")]
+    parts = []
+    if failed:
+        parts.append(
+            f"{len(failed)} of {len(outcomes)} drives failed ({', '.join(o.name for o in failed[:5])})"
+        )
+    if doubtful:
+        parts.append(f"{len(doubtful)} not to be trusted ({', '.join(o.name for o in doubtful[:5])})")
+    warning = f"{'; '.join(parts)}: see summary.md" if parts else None
+    return BatchSummary(len(outcomes), len(outcomes) - len(failed), warning)
+
+
+def full_spec(spec: str) -> str:
+    """Folders by their full path, since workers may have another working directory."""
+    return str(absolute(spec)) if os.path.isdir(os.path.expanduser(spec)) else spec
+
+
+def _unusable(specs: Sequence[str]) -> dict[str, str]:
+    """Sources that are no drive, with the reason; raises when that is true of all of them."""
+    reasons: dict[str, str] = {}
+    first: StereoCalibError | None = None
+    for spec in specs:
+        try:
+            if source_kind(spec) is SourceKind.RUN:
+                raise ConfigError("output of an earlier run", spec, "name its source")
+        except StereoCalibError as error:
+            reasons[spec] = str(error)
+            first = first or error
+    if first is not None and len(reasons) == len(set(specs)):
+        raise first
+    return reasons
+
+
+def drive_names(specs: Sequence[str]) -> list[str]:
+    """A short folder name for every source, different for different ones."""
+    parts = [_name_parts(spec) for spec in specs]
+    names = [p[-1] for p in parts]
+    for depth in range(2, 1 + max(map(len, parts))):
+        clashes = {name for name, count in Counter(names).items() if count > 1}
+        names = ["-".join(p[-depth:]) if n in clashes else n for n, p in zip(names, parts, strict=True)]
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        seen[name] += 1
+        names[i] = name if seen[name] == 1 else f"{name}-{seen[name]}"
+    return names
+
+
+def _name_parts(spec: str) -> list[str]:
+    words = Path(spec).parts if os.path.isdir(spec) else (spec,)
+    cleaned = [re.sub(r"[^A-Za-z0-9_.=-]+", "-", word).strip("-.") for word in words]
+    return [word[-80:] for word in cleaned if word] or ["drive"]
+
+
+# --- one drive, in a worker
+
+
+def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> dict[str, Any]:
+    """Run or resume one drive, seal its folder, and give its report; what is wrong with it as `error`."""
+    import cv2
+
+    from stereocalib_core.run.drive import CHECKPOINT, run_drive
+
+    cv2.setNumThreads(1)
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with (path / LOCK).open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # a worker thought dead may still be at it
+            resolved = settings.from_dict(config, "batch settings")
+            report = sealed_report(path, spec, resolved)
+            if report is None or overwrite:
+                (path / SEAL).unlink(missing_ok=True)
+                go_on = (path / CHECKPOINT).is_file() and not overwrite
+                report = _run_or_restart(spec, path, resolved, go_on, run_drive)
+                seal(path, spec, resolved)
+        (path / LOCK).unlink(missing_ok=True)
+        return {"report": report}
+    except StereoCalibError as error:
+        return {"error": str(error)}
+
+
+def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> dict[str, Any]:
+    """`run_one` in a worker of a local cluster, which are numbered: this one keeps to its own of `cores`.
+
+    The thread is bound, and with it every thread that the drive starts.
+    """
+    from distributed import get_worker
+
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {cores[int(get_worker().name) % len(cores)]})
+    return run_one(*drive)
+
+
+def usable_cores() -> list[int]:
+    """The cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def _run_or_restart(
+    spec: str, path: Path, config: PipelineConfig, go_on: bool, run_drive: Callable[..., dict[str, Any]]
+) -> dict[str, Any]:
+    """Go on from a checkpoint; one of other settings or another version is started afresh."""
+    if go_on:
+        with contextlib.suppress(OutputError):
+            return run_drive(spec, path, config=config, resume=True)
+    return run_drive(spec, path, config=config, overwrite=True)
+
+
+def seal(folder: Path, spec: str, config: PipelineConfig) -> None:
+    """Write down which files a finished drive has, and from what they were made."""
+    io.write_json(folder / SEAL, {"made_from": _made_from(spec, config), "sha256": _digests(folder)})
+
+
+def sealed_report(folder: Path, spec: str, config: PipelineConfig) -> dict[str, Any] | None:
+    """The report of a drive that is done, whole, and of the same source and settings; else None."""
+    try:
+        mark = json.loads((folder / SEAL).read_text(encoding="utf-8"))
+        if mark["sha256"] != _digests(folder) or mark["made_from"] != _made_from(spec, config):
+            return None
+        return io.read_json(folder / "report.json")
+    except (OSError, ValueError, KeyError, TypeError, StereoCalibError):
+        return None
+
+
+def _made_from(spec: str, config: PipelineConfig) -> list[str]:
+    text = json.dumps(settings.to_dict(config), sort_keys=True)
+    return [open_source(spec).content_key, hashlib.sha256(text.encode()).hexdigest()]
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    present = [name for name in io.RESULT_FILES if (folder / name).is_file()]
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in present}
+
+
+# --- Dask
+
+
+@contextlib.contextmanager
+def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterator[Any]:
+    """A client of the scheduler at that address, or of a local cluster that lives as long as the batch."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise ConfigError("batch needs Dask", "not installed", "pip install 'stereocalib[batch]'") from error
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+        except (OSError, ValueError) as error:
+            raise ConfigError("no Dask scheduler", scheduler, "check the address, tcp://HOST:PORT") from error
+        with client:
+            yield client
+        return
+    cluster = distributed.LocalCluster(
+        n_workers=workers or min(len(usable_cores()), drives),
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",  # any free port: a busy default one would be complained about
+        silence_logs=logging.CRITICAL,
+        env={"NUMBA_NUM_THREADS": "1"},
+    )
+    client = distributed.Client(cluster)
+    patience_s = CLOSE_TIMEOUT_S
+    try:
+        yield client
+    except KeyboardInterrupt:
+        patience_s = HURRY_S
+        _kill_workers(cluster)  # a worker would finish its drive and only then listen
+        raise KeyboardInterrupt("the same call goes on from here") from None
+    finally:
+        for part in (client, cluster):
+            # the drives are done; what is left ends with this process
+            with contextlib.suppress(TimeoutError):
+                part.close(timeout=patience_s)
+
+
+def _kill_workers(cluster: Any) -> None:
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid:
+            os.kill(nanny.pid, signal.SIGKILL)
+
+
+def _submit(
+    client: Any,
+    work: Callable[..., dict[str, Any]],
+    waiting: list[tuple[str, str]],
+    out: Path,
+    config: PipelineConfig,
+    overwrite: bool,
+) -> Iterator[DriveOutcome]:
+    """Outcomes as the drives finish; `work` is `run_one` or does the same."""
+    from distributed import as_completed
+
+    futures = {}
+    call = uuid.uuid4().hex  # a shared scheduler may still know keys of another batch
+    for spec, name in waiting:
+        arguments = (spec, str((out / name).resolve()), settings.to_dict(config), overwrite)
+        future = client.submit(work, *arguments, key=f"{name}-{call}", retries=RETRIES, pure=False)
+        futures[future] = (spec, name)
+    for future in as_completed(futures):
+        spec, name = futures[future]
+        error = future.exception()
+        given: dict[str, Any] = {"error": f"{type(error).__name__}: {error}"} if error else future.result()
+        if "error" in given:
+            yield DriveOutcome(name, spec, "failed", " ".join(given["error"].split()))
+        else:
+            yield DriveOutcome(name, spec, "done", report=given["report"])

@@ -1,0 +1,163 @@
+"""One camera's view of the world: what it sees, how far, and what that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.geometry import StereoCamera, invert_transform
+from stereocalib_core.simulator import raster
+from stereocalib_core.simulator.furniture import Instance
+from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
+from stereocalib_core.simulator.shade import shade
+from stereocalib_core.simulator.world import (
+    AMBIENT,
+    SUN,
+    SUNLIGHT,
+    TEXTURE_GRAIN,
+    TEXTURE_MAP,
+    TEXTURE_SKY,
+    World,
+)
+
+Array = NDArray[np.float64]
+FAR_M = 170.0
+_MAX_VISIBLE = 60_000
+_HAZE_GREY = 190.0
+
+
+@dataclass(frozen=True)
+class View:
+    """grey (H, W) of a perfect sensor, inverse_depth (H, W) [1/m], 0 = none, label (H, W) as in `FrameTruth`."""
+
+    grey: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
+    label: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Ranges of triangles (D, 2), their poses to the camera (D, 3, 4), suns (D, 3), gains (D, 2)."""
+
+    ranges: NDArray[np.int64]
+    poses: Array
+    suns: Array
+    gains: Array
+
+
+def list_draws(world: World, T_world_camera: Array, s_m: float, things: list[Instance], lens: float) -> Draws:
+    """What may be in view, nearest first. `lens`: tangent of the wider half of the field of view."""
+    T = invert_transform(T_world_camera)[:3]
+    near, far = np.searchsorted(world.rows_s_m, [s_m - BEHIND_M, s_m + AHEAD_M])
+    near, far = max(int(near) - 1, 0), min(int(far), len(world.rows_s_m) - 1)
+    ranges = [(near * world.ground_row_triangles, far * world.ground_row_triangles)]
+    poses, suns, gains, keys = [T], [SUN], [(AMBIENT, SUNLIGHT)], [0.0]
+    if world.rest[1] > world.rest[0]:
+        ranges.append(world.rest)
+        poses.append(T)
+        suns.append(SUN)
+        gains.append((AMBIENT, SUNLIGHT))
+        keys.append(1e9)
+    for thing in (*_in_sight(world, T, lens), *things):
+        first, last, _ = world.templates[thing.kind]
+        center = T[:, :3] @ thing.position + T[:, 3]
+        ranges.append((first, last))
+        pose = np.empty((3, 4))
+        pose[:, :3] = T[:, :3] @ thing.rotation
+        pose[:, 3] = center
+        poses.append(pose)
+        suns.append(SUN @ thing.rotation)
+        gains.append((AMBIENT * thing.tone, SUNLIGHT * thing.tone))
+        keys.append(float(np.linalg.norm(center)))
+    order = np.argsort(np.array(keys), kind="stable")
+    return Draws(
+        np.array(ranges, np.int64)[order],
+        np.array(poses)[order],
+        np.array(suns)[order],
+        np.array(gains)[order],
+    )
+
+
+def _in_sight(world: World, T_camera_world: Array, lens: float) -> list[Instance]:
+    """The standing things whose spheres reach into the field of view."""
+    if not world.standing:
+        return []
+    centers = world.positions @ T_camera_world[:, :3].T + T_camera_world[:, 3]
+    x, z, radius = np.abs(centers[:, 0]), centers[:, 2], world.radii
+    near = np.linalg.norm(centers, axis=1) - radius <= FAR_M
+    inside = (z >= -radius) & (x - radius * np.hypot(1.0, lens) <= np.maximum(z, 0.0) * lens)
+    return [world.standing[k] for k in np.flatnonzero(near & inside)]
+
+
+class Canvas:
+    """What each sample of a picture (width, height) sees of a world; scratch memory, so one thread at a time.
+
+    ids (H S, W S) int32, -1 = nothing; planes and source as `raster.set_up` fills them.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.size = (width, height)
+        h, w = height * raster.SAMPLES, width * raster.SAMPLES
+        self.ids = np.empty((h, w), np.int32)
+        self._inverse_depth = np.empty((h, w), np.float32)
+        self.planes = np.empty((_MAX_VISIBLE, raster.PLANES))
+        self.source = np.empty(_MAX_VISIBLE, np.int64)
+        self._boxes = np.empty((_MAX_VISIBLE, 4), np.int64)
+        self._row = np.empty(w + raster.VECTOR, np.int32), np.empty(w + raster.VECTOR, np.uint8)
+
+    def draw(self, world: World, draws: Draws, K: tuple[float, float, float]) -> None:
+        """Find the nearest triangle in every sample, for focal length and principal point K [px]."""
+        mesh, atlas = world.mesh, world.atlas
+        count = raster.set_up(
+            *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
+            *(draws.ranges, draws.poses, draws.suns, draws.gains, K, self.size),
+            *(self.planes, self.source, self._boxes),
+        )
+        self._inverse_depth.fill(0.0)
+        self.ids.fill(-1)
+        raster.fill(
+            *(count, self.planes, self.source, self._boxes, mesh.flags, mesh.textures),
+            *(atlas.texels, atlas.table, atlas.levels, self._inverse_depth, self.ids, *self._row),
+        )
+
+
+class Renderer:
+    """Renders views of one world, one at a time."""
+
+    def __init__(self, world: World, camera: StereoCamera) -> None:
+        self.world = world
+        self.camera = camera
+        self._canvas = Canvas(camera.width, camera.height)
+
+    def view(
+        self,
+        T_world_camera: Array,
+        s_m: float,
+        things: list[Instance],
+        shadows: Array,
+        cx_px: float,
+        drift: Array,
+        contrast: float = 1.0,
+        road_grey: float = 110.0,
+    ) -> View:
+        """The view from one camera.
+
+        s_m: where along the course. things, shadows: what moves. drift: image motion during the exposure, as in
+        `shade`. contrast: of the ground's texture, with `road_grey` in its place as it goes to 0.
+        """
+        camera, mesh, atlas, canvas = self.camera, self.world.mesh, self.world.atlas, self._canvas
+        K = (camera.focal_px, cx_px, camera.cy_px)
+        widest = max(cx_px, camera.width - cx_px) / camera.focal_px
+        canvas.draw(self.world, list_draws(self.world, T_world_camera, s_m, things, widest), K)
+        grey = np.empty((camera.height, camera.width), np.float32)
+        inverse_depth, label = np.empty_like(grey), np.empty(grey.shape, np.uint8)
+        texel_m = self.world.map_texel_m
+        ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, _HAZE_GREY, texel_m])
+        shade(
+            *(canvas.planes, canvas.source, mesh.flags, mesh.textures, mesh.labels, canvas.ids),
+            *(atlas.texels, atlas.table, atlas.levels, K, np.ascontiguousarray(T_world_camera[:3, :3])),
+            *(TEXTURE_SKY, drift, shadows, ground, grey, inverse_depth, label),
+        )
+        return View(grey, inverse_depth, label)

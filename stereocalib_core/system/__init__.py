@@ -1,0 +1,1 @@
+"""The machine: small text files, caches, compiled code."""

@@ -1,0 +1,97 @@
+"""The plane through tracked road points, and when the filter leans on it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from simulated_tracks import CAMERA, simulate
+
+from stereocalib_core.back.rig.road_points import lean_on, road_planes
+from stereocalib_core.back.rig.smoothing import filter_drive
+from stereocalib_core.config import RoadPointsConfig
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import FrameResult
+
+CONFIG = RoadPointsConfig()
+
+
+def test_points_show_the_plane_they_lie_on() -> None:
+    results, extrinsics = simulate(np.zeros(40), -0.3, noise_px=0.1)
+    values, covariance = road_planes(CAMERA, results, CONFIG)
+    error = values - extrinsics[:, :3]
+    assert np.abs(error[:, 0]).max() < 0.02
+    assert np.rad2deg(np.abs(error[:, 1:]).max(axis=0)) == pytest.approx([0.0, 0.0], abs=0.15)
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert (np.abs(error) < 3.0 * sigma).mean() > 0.95
+
+
+def test_a_kerb_among_the_points_does_not_tilt_the_plane() -> None:
+    results, extrinsics = simulate(np.zeros(12), 0.0, noise_px=0.1)
+    fb = CAMERA.focal_px * CAMERA.baseline_m
+    for r in results:
+        if r.tracks is None:
+            continue
+        for first in (0, 3):
+            d = r.tracks.points[:, first + 2]
+            side = (r.tracks.points[:, first] - CAMERA.cx_px) * CAMERA.baseline_m / d
+            kerb = r.tracks.on_road & (d < fb / 10.0) & (side > 0.3)
+            # 8 cm above the road at the same row is so much nearer
+            d[kerb] *= 1.0 + 0.08 / 1.65
+    values, _ = road_planes(CAMERA, results, CONFIG)
+    error = np.abs(values - extrinsics[:, :3]).max(axis=0)
+    assert error[0] < 0.025
+    assert (np.rad2deg(error[1:]) < 0.25).all()
+
+
+def test_few_points_say_nothing() -> None:
+    results, _ = simulate(np.zeros(3), 0.0)
+    for r in results:
+        if r.tracks is not None:
+            r.tracks.on_road[15:] = False
+    assert np.isnan(road_planes(CAMERA, results, CONFIG)[0]).all()
+
+
+def test_the_surer_look_has_its_say() -> None:
+    values, other = np.zeros((4, 3)), np.full((4, 3), 0.01)
+    wide, narrow = np.diag(np.full(3, 1e-4)), np.diag(np.full(3, 1e-6))
+    other[1] = np.nan
+    other[2] = 0.1
+    first = np.array([wide, wide, wide, narrow])
+    second = np.array([narrow, narrow, narrow, wide])
+    fused, covariance = lean_on(values, first, other, second, CONFIG)
+    assert fused[0] == pytest.approx([0.01] * 3, rel=0.1)
+    assert (np.diag(covariance[0]) < 2e-6).all()
+    for row in (1, 3):
+        np.testing.assert_array_equal(fused[row], 0.0)
+        np.testing.assert_array_equal(covariance[row], first[row])
+    # a contradiction: neither is believed
+    np.testing.assert_array_equal(fused[2], 0.0)
+    assert np.diag(covariance[2]) == pytest.approx([0.01 + 1e-4] * 3)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
+def rewritten(
+    results: list[FrameResult], height_m: float, pitch_rad: float, scale: float
+) -> list[FrameResult]:
+    """The same frames with their own estimates off by so much, and their covariance scaled."""
+    changed = []
+    for r in results:
+        assert r.road is not None
+        e = r.road.extrinsics
+        off = Extrinsics(e.height_m + height_m, e.pitch_rad + pitch_rad, e.roll_rad)
+        road = dataclasses.replace(r.road, extrinsics=off, covariance=scale * r.road.covariance)
+        changed.append(dataclasses.replace(r, road=road))
+    return changed
+
+
+def test_points_improve_a_poor_road() -> None:
+    results, extrinsics = simulate(np.zeros(80), 0.0, noise_px=0.1)
+    # as unsure as dense matching on a cambered road
+    poor = rewritten(results, 0.015, 0.001, 49.0)
+    alone, helped = (
+        np.abs((filter_drive(poor, None, camera).values - extrinsics[:, :3]).mean(axis=0))[:2]
+        for camera in (None, CAMERA)
+    )
+    assert (helped < 0.4 * alone).all()

@@ -1,0 +1,108 @@
+"""Twenty real poses, a fisheye camera and a VLP-16; the reference is another tool's, so a consistency check."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereocalib_core.boards import Detection, calibrate, detect, open_folder, run, ticked_mask
+from stereocalib_core.boards.rotations import rotation_angle, rotation_from_roll_pitch_yaw
+from stereocalib_core.geometry import Array, invert_transform, transform
+
+
+@pytest.fixture(scope="module")
+def folder(data_dir: Path) -> Path:
+    return data_dir / "boards_vlp16"
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> Detection:
+    return detect(open_folder(folder))
+
+
+@pytest.fixture(scope="module")
+def reference(folder: Path) -> Array:
+    """T_lidar_camera: the component-wise median of the other tool's fifty solutions."""
+    rows = np.genfromtxt(folder / "reference_lidar_from_camera.csv", delimiter=",", skip_header=1)
+    middle = np.median(rows, axis=0)
+    return transform(rotation_from_roll_pitch_yaw(*middle[:3]), middle[3:])
+
+
+def difference(a: Array, b: Array) -> tuple[float, float]:
+    return float(np.rad2deg(rotation_angle(a[:3, :3].T @ b[:3, :3]))), float(
+        np.linalg.norm(a[:3, 3] - b[:3, 3])
+    )
+
+
+def test_whole_clouds_against_the_reference(found: Detection, reference: Array) -> None:
+    result = calibrate(found.observations, found.board, found.camera)
+    assert sum(p.ok for p in result.pairs) >= 18
+    turn_deg, shift_m = difference(result.T_lidar_camera, reference)
+    assert turn_deg < 0.7
+    assert shift_m < 0.040
+    assert result.verdict == "good"
+    assert result.held_out.plane_rms_m < 0.025
+
+
+def test_two_halves_agree(found: Detection) -> None:
+    names = [o.name for o in found.observations]
+    halves = [
+        calibrate(
+            found.observations, found.board, found.camera, ticked_mask(found.observations, names[start::2])
+        )
+        for start in (0, 1)
+    ]
+    turn_deg, shift_m = difference(halves[0].T_lidar_camera, halves[1].T_lidar_camera)
+    assert turn_deg < 0.6
+    assert shift_m < 0.020
+
+
+def test_ticking_a_pair_out_is_quick(found: Detection) -> None:
+    times = []
+    for o in found.observations[:6]:
+        start = time.thread_time()
+        calibrate(found.observations, found.board, found.camera, ticked_mask(found.observations, [o.name]))
+        times.append(time.thread_time() - start)
+    assert np.median(times) < 0.2
+
+
+def test_cropped_clouds_give_the_same(folder: Path, found: Detection) -> None:
+    whole = calibrate(found.observations, found.board, found.camera)
+    cropped = detect(open_folder(folder, cropped=True))
+    result = calibrate(cropped.observations, cropped.board, cropped.camera)
+    assert sum(p.ok for p in result.pairs) >= 18
+    turn_deg, shift_m = difference(whole.T_lidar_camera, result.T_lidar_camera)
+    assert turn_deg < 0.3
+    assert shift_m < 0.012
+
+
+def test_swapped_clouds_are_named_from_the_files(folder: Path, reference: Array, tmp_path: Path) -> None:
+    names = [f"pose{i:02d}" for i in (1, 3, 7, 9, 13, 21, 27, 29)]
+    mixed = tmp_path / "mixed"
+    for part in ("images", "clouds"):
+        (mixed / part).mkdir(parents=True)
+    for name in ("camera.yaml", "board.yaml"):
+        shutil.copy(folder / name, mixed)
+    swap = {"pose07": "pose21", "pose21": "pose07"}
+    for name in names:
+        (mixed / "images" / f"{name}.png").symlink_to(folder / "images" / f"{name}.png")
+        (mixed / "clouds" / f"{name}.pcd").symlink_to(folder / "clouds" / f"{swap.get(name, name)}.pcd")
+    out = tmp_path / "out"
+    out.mkdir()
+    result = run(mixed, out)
+    refused = {p.name: p.reason for p in result.pairs if not p.ok}
+    assert set(refused) == {"pose07", "pose21"}
+    assert "wrong pair" in refused["pose07"]
+    assert "pose21" in refused["pose07"]
+    turn_deg, shift_m = difference(result.T_lidar_camera, reference)
+    assert turn_deg < 0.9
+    assert shift_m < 0.050
+    written = json.loads((out / "calibration.json").read_text())
+    T = np.array(written["T_camera_lidar"])
+    np.testing.assert_allclose(invert_transform(T), np.array(written["T_lidar_camera"]), atol=1e-12)
+    assert {p.name for p in out.glob("overlay_*.png")} == {f"overlay_{n}.png" for n in names}

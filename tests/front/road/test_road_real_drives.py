@@ -1,0 +1,63 @@
+"""Real recordings: how many frames show their road, and how steady the height is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.front.road.estimate import RoadResult, estimate_road
+from stereocalib_core.front.road.variants import fit_whole_map
+from stereocalib_core.sources import open_source
+
+
+def _heights(results: list[RoadResult]) -> np.ndarray:
+    return np.array([r.estimate.extrinsics.height_m for r in results if r.estimate is not None])
+
+
+def _run(folder: Path, method: str, every: int = 1) -> tuple[list[RoadResult], np.ndarray]:
+    source = open_source(str(folder))
+    config = PipelineConfig(method=method)  # type: ignore[arg-type]
+    results, whole = [], []
+    for i in range(0, len(source), every):
+        frame = source[i]
+        assert frame.left is not None and frame.right is not None
+        road = estimate_road(frame.left, frame.right, source.camera, config)
+        results.append(road)
+        if method == "paper" and road.disparity is not None:
+            fit = fit_whole_map(road.disparity, source.camera, config)
+            whole.append(np.nan if fit is None else fit.height_m)
+    return results, np.array(whole)
+
+
+def test_06_paper(kitti_06: Path) -> None:
+    results, whole = _run(kitti_06, "paper")
+    heights = _heights(results)
+    assert len(heights) >= 50
+    assert 1.58 <= np.median(heights) <= 1.72
+    assert heights.std() <= 0.05
+    assert np.nanstd(whole) > 1.2 * heights.std(), "the free map is what makes the height steady"
+
+
+def test_06_direct(kitti_06: Path) -> None:
+    heights = _heights(_run(kitti_06, "direct")[0])
+    assert len(heights) >= 50
+    assert heights.std() <= 0.022
+
+
+def test_raw_0009(kitti_raw_0009: Path) -> None:
+    results, whole = _run(kitti_raw_0009, "paper")
+    assert np.nanstd(whole) > 1.5 * _heights(results).std()
+    assert _heights(_run(kitti_raw_0009, "direct")[0]).std() <= 0.035
+
+
+@pytest.mark.parametrize(("method", "limit"), [("paper", 0.05), ("direct", 0.06)])
+def test_03_where_grass_and_walls_look_like_road(kitti_03: Path, method: str, limit: float) -> None:
+    results, _ = _run(kitti_03, method)
+    heights = _heights(results)
+    assert len(heights) >= 0.85 * len(results)
+    assert heights.std() <= limit
+    assert np.abs(heights - np.median(heights)).max() <= 0.15
+    assert all(r.failure is not None and r.failure.detail for r in results if r.estimate is None)

@@ -1,0 +1,372 @@
+"""A killed run goes on where it was and ends with the same bytes as one that nobody disturbed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from drive_writer import odometry_drive
+
+from stereocalib_core.config import DisparityConfig, PipelineConfig
+from stereocalib_core.errors import Failure, FailureReason, OutputError
+from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, read_checkpoint, read_frames
+from stereocalib_core.front.pipeline import FrontEndMemory
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    Measured,
+    RectificationSample,
+    Rig,
+    RoadEstimate,
+    RoadResidual,
+    Tracks,
+)
+from stereocalib_core.run.drive import CHECKPOINT, Interrupted, run_drive
+from stereocalib_core.run.tolerance import Tolerance
+
+SMALL_PLANE = "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55"
+SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
+
+
+class Killed(Exception):
+    """Stands for SIGKILL: nothing in the run may handle it."""
+
+
+def finished(index: int) -> Done:
+    rng = np.random.default_rng(index)
+    covariance = rng.normal(size=(3, 3))
+    result = FrameResult(
+        index,
+        index / 3,
+        RoadEstimate(Extrinsics(*rng.normal(size=4)), covariance, 17, 1 / 3, (4.5, 31.25), (0.1, -1 / 7)),
+        None,
+        1 / 7,
+        17,
+        RectificationSample(rng.normal(size=3), covariance, 5, 0.1),
+        Tracks(rng.normal(size=(9, 6)).astype(np.float32), rng.random(9) > 0.5, index - 1),
+        (Check("road", "slope", 0.1, None, 3.0, "px"),),
+        MappingProxyType({"disparity": 12.5}),
+        RoadResidual(rng.normal(size=3), covariance, 4321),
+    )
+    return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
+
+
+def same(a: Done, b: Done) -> bool:
+    def parts(done: Done) -> list[object]:
+        r = done.result
+        assert r.road is not None and r.tracks is not None and r.rectification is not None
+        arrays = (
+            r.road.covariance,
+            r.tracks.points,
+            r.tracks.on_road,
+            r.rectification.values,
+            done.memory.motion,
+        )
+        return [
+            (r.frame, r.timestamp_s, r.road.extrinsics, r.road.inliers, r.road.free_fraction, r.road.range_m),
+            (r.failure, r.free_fraction, r.inliers, r.tracks.previous, r.checks, dict(r.timing_ms)),
+            (
+                r.rectification.matches,
+                r.rectification.keystone_rad,
+                done.memory.tracked,
+                done.total_ms,
+                r.lidar.points,
+            ),
+            *[(a.dtype.str, a.shape, a.tobytes()) for a in arrays if a is not None],
+        ]
+
+    return parts(a) == parts(b)
+
+
+def test_nothing_of_a_frame_is_forgotten() -> None:
+    """Fails when a result gets a new field that `finished` above, and so the checkpoint, does not know."""
+    known = finished(0)
+    parts = (
+        known,
+        known.memory,
+        known.result,
+        known.result.road,
+        known.result.rectification,
+        known.result.tracks,
+    )
+    for part in (*parts, known.result.lidar):
+        assert part is not None
+        for field in dataclasses.fields(part):
+            value = getattr(part, field.name)
+            if field.name != "failure":
+                assert value is not None, field.name
+                assert isinstance(value, np.ndarray) or value != field.default, field.name
+
+
+def test_frames_come_back_bit_for_bit(tmp_path: Path) -> None:
+    path, header = tmp_path / CHECKPOINT, {"source": "a", "settings": {"x": 1}}
+    checkpoint = Checkpoint(path, header)
+    wrote = [checkpoint.append(finished(i)) for i in range(3)]
+    failed = Done(
+        FrameResult(3, 1.0, None, Failure(FailureReason.DARK, "mean grey 3")), FrontEndMemory(2, None), 1.0
+    )
+    checkpoint.append(failed)
+    checkpoint.close()
+    read, whole = read_checkpoint(path, header)
+    assert whole == path.stat().st_size
+    assert all(
+        same(a, finished(i)) and same(a, b) for i, (a, b) in enumerate(zip(read[:3], wrote, strict=True))
+    )
+    assert read[3] == failed
+
+
+def test_a_record_cut_off_by_a_kill_is_dropped_at_any_byte(tmp_path: Path) -> None:
+    path, header = tmp_path / CHECKPOINT, {"source": "a"}
+    checkpoint = Checkpoint(path, header)
+    checkpoint.append(finished(0))
+    one = path.stat().st_size
+    checkpoint.append(finished(1))
+    checkpoint.close()
+    data = path.read_bytes()
+    for cut in range(one, len(data), 97):
+        path.write_bytes(data[:cut])
+        done, whole = read_checkpoint(path, header)
+        assert (len(done), whole) == (1, one)
+    flipped = bytearray(data)
+    flipped[one + 50] ^= 1
+    path.write_bytes(bytes(flipped))
+    assert len(read_checkpoint(path, header)[0]) == 1
+    again = Checkpoint(path, header, one)
+    again.append(finished(1))
+    again.close()
+    assert path.read_bytes() == data
+
+
+def test_other_settings_and_strange_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / CHECKPOINT
+    Checkpoint(path, {"source": "a", "settings": 1}).close()
+    with pytest.raises(OutputError, match="settings changed"):
+        read_checkpoint(path, {"source": "a", "settings": 2})
+    for content, what in (
+        (b"\x80\x04pickled", "no checkpoint"),
+        (MAGIC, "without a header"),
+        (MAGIC + record(b"no JSON"), "without a header"),
+        (MAGIC + record(b'{"source": "a"}') + record(b"{}"), "damaged checkpoint"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(OutputError, match=what):
+            read_checkpoint(path, {"source": "a"})
+
+
+def record(payload: bytes) -> bytes:
+    """A whole record with a right checksum, whatever is in it."""
+    return struct.pack("<II", len(payload), zlib.crc32(payload)) + payload
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, kitti_03: Path) -> Path:
+    """Thirteen frames of a real drive in one go; 0-based 20...32."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    run_drive(str(kitti_03), out, (20, 33))
+    assert not (out / CHECKPOINT).exists()
+    return out
+
+
+def check_same(out: Path, undisturbed: Path) -> None:
+    for name in SAME_BYTES:
+        assert (out / name).read_bytes() == (undisturbed / name).read_bytes(), name
+    reports = [json.loads((folder / "report.json").read_text()) for folder in (out, undisturbed)]
+    for report in reports:
+        for key in ("source", "timing_ms", "frames_per_second"):
+            report.pop(key)
+    assert reports[0] == reports[1]
+    assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in undisturbed.iterdir())
+
+
+def test_killed_twice_and_resumed(tmp_path: Path, kitti_03: Path, undisturbed: Path) -> None:
+    out = tmp_path / "out"
+    for stop_after in (5, 9):
+
+        def kill(done: int, total: int, what: str, at: int = stop_after) -> None:
+            if done == at:
+                raise Killed
+
+        with pytest.raises(Killed):
+            run_drive(str(kitti_03), out, (20, 33), resume=True, progress=kill)
+        assert (out / CHECKPOINT).is_file()
+    run_drive(str(kitti_03), out, (20, 33), resume=True)
+    check_same(out, undisturbed)
+    before = (out / "report.json").read_bytes()
+    run_drive(str(kitti_03), out, (20, 33), resume=True)  # already finished: nothing to do
+    assert (out / "report.json").read_bytes() == before
+    with pytest.raises(OutputError, match="finished run of other frames"):
+        run_drive(str(kitti_03), out, (20, 30), resume=True)
+
+
+def test_resume_with_other_settings_touches_nothing(tmp_path: Path, kitti_03: Path) -> None:
+    out = tmp_path / "out"
+
+    def kill(done: int, *_: object) -> None:
+        if done == 2:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run_drive(str(kitti_03), out, (20, 33), progress=kill)
+    before = (out / CHECKPOINT).read_bytes()
+    with pytest.raises(OutputError, match="settings changed"):
+        run_drive(
+            str(kitti_03), out, (20, 33), PipelineConfig(disparity=DisparityConfig(scale=1)), resume=True
+        )
+    with pytest.raises(OutputError, match="first frame changed"):
+        run_drive(str(kitti_03), out, (21, 33), resume=True)
+    with pytest.raises(OutputError, match="stopped run of more frames"):
+        run_drive(str(kitti_03), out, (20, 21), resume=True)
+    assert (out / CHECKPOINT).read_bytes() == before
+
+
+def test_sigkill_and_resume_by_the_command(tmp_path: Path, kitti_03: Path, undisturbed: Path) -> None:
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "stereocalib_app.cli.main",
+        "run",
+        str(kitti_03),
+        "--out",
+        str(out),
+        "--frames",
+        "20:33",
+        "--resume",
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _wait_for(out / CHECKPOINT, 60_000)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    check_same(out, undisturbed)
+
+
+def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kitti_03: Path) -> None:
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stereocalib_app.cli.main", "run", str(kitti_03), "--out", str(out)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    _wait_for(out / CHECKPOINT, 60_000)
+    started = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert time.perf_counter() - started < (1.0 if _machine_is_idle() else 3.0)
+    assert process.returncode == 130
+    assert errors.startswith("stereocalib: stopped: after ")
+    assert errors.count("\n") == 1
+    rows = (out / "extrinsics.csv").read_text().splitlines()
+    assert len(rows) == 1 + json.loads((out / "report.json").read_text())["frames"]
+
+
+def test_ctrl_c_while_the_results_are_written_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, whole, out = SMALL_PLANE, tmp_path / "whole", tmp_path / "out"
+    run_drive(source, whole)
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("stereocalib_core.run.drive.io.write_rig", stopped)
+        with pytest.raises(Interrupted, match="after 3 of 3 frames"):
+            run_drive(source, out)
+    assert (out / CHECKPOINT).is_file()
+    run_drive(source, out, resume=True)
+    check_same(out, whole)
+
+
+def test_ctrl_c_before_the_first_frame_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stereocalib_core.front.pipeline.FrontEnd.step", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_drive(SMALL_PLANE, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def _machine_is_idle() -> bool:
+    return os.getloadavg()[0] < (os.cpu_count() or 1)
+
+
+def _wait_for(path: Path, size: int) -> None:
+    deadline = time.monotonic() + 60
+    while not path.is_file() or path.stat().st_size < size:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_drive_of_failures_resumes_too(tmp_path: Path) -> None:
+    drive = odometry_drive(tmp_path / "d", frames=8)
+    (drive / "image_0" / "000003.png").write_bytes(b"")
+
+    def kill(done: int, *_: object) -> None:
+        if done == 4:
+            raise Killed
+
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    run_drive(str(drive), whole)
+    with pytest.raises(Killed):
+        run_drive(str(drive), out, progress=kill)
+    run_drive(str(drive), out, resume=True)
+    assert (out / "extrinsics.csv").read_bytes() == (whole / "extrinsics.csv").read_bytes()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_drives_of_a_few_frames(tmp_path: Path, kitti_03: Path, count: int) -> None:
+    report = run_drive(str(kitti_03), tmp_path, (20, 20 + count))
+    assert report["frames"] == count
+    assert len((tmp_path / "trajectory.txt").read_text().splitlines()) == count
+
+
+def test_gaps_are_named_by_the_frames_of_the_drive(tmp_path: Path) -> None:
+    drive = odometry_drive(tmp_path / "d", frames=8)
+    report = run_drive(str(drive), tmp_path / "out", (3, 7))
+    assert report["frames_ok"] == 0
+    assert [report["gaps"][0][0] >= 3, report["gaps"][-1][1]] == [True, 6]
+
+
+def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    run_drive("synthetic:plane?frames=6", out)
+    header, done = read_frames(out / "frames.bin")
+    assert [d.result.frame for d in done] == list(range(6))
+    assert header["camera"]["focal_px"] > 0
+    assert done[-1].result.tracks is not None
+    assert done[-1].result.checks
+
+
+def test_resume_of_a_finished_run_is_of_that_run_only(tmp_path: Path) -> None:
+    spec, out = SMALL_PLANE, tmp_path / "run"
+    run_drive(spec, out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    for changed, options in (
+        ("source", {"spec": spec + "&seed=3"}),
+        ("settings", {"config": PipelineConfig(method="paper")}),
+        ("rig", {"rig": Rig(yaw_rad=Measured(0.01, 0.001))}),
+        ("tolerances", {"tolerances": {"height_m": Tolerance(1.65, 0.1)}}),
+    ):
+        with pytest.raises(OutputError, match=f"{changed} changed"):
+            run_drive(**{"spec": spec, "out": out, "resume": True, **options})
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    run_drive(spec, out, resume=True, rrd=True)
+    after = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert sorted(after) == sorted([*before, "recording.rrd"])
+    assert all(after[name] == before[name] for name in SAME_BYTES)
