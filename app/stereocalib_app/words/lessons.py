@@ -38,8 +38,14 @@ class Lesson:
 
 
 MATH_FONTS: Final = "'Latin Modern Math','STIX Two Math','Cambria Math','Noto Sans Math',math"
-LONG_LINE: Final = 80
-"""In characters of LaTeX."""
+LARGEST_EM: Final = 1.25
+_FIT: Final = (
+    f"const e=this.parentNode,fit=()=>{{e.style.fontSize='{LARGEST_EM}em';const w=e.scrollWidth;"
+    f"if(w>e.clientWidth)e.style.fontSize=0.98*{LARGEST_EM}*e.clientWidth/w+'em'}};"
+    "new ResizeObserver(fit).observe(e);document.fonts.ready.then(fit)"
+)
+"""How wide an equation is depends on the fonts of the machine: only the browser can measure it. A style element
+tells when it is in the page, also where scripts among inserted HTML are not run."""
 
 BROKEN_STAGES: Final[dict[str, Mapping[str, Any]]] = {
     "short search": {"disparity": DisparityConfig(max_disparity_px=32)},
@@ -158,9 +164,7 @@ def broken_corrections(breakage: Breakage) -> Corrections:
 
 
 def equation_html(latex: Sequence[str]) -> str:
-    """Equations, one a line, as MathML, which browsers typeset themselves."""
+    """Equations, one a line, as MathML, which browsers typeset themselves; too wide a one is set smaller."""
     lines = "".join(f'<div style="margin:0.35em 0">{convert(line, display="block")}</div>' for line in latex)
-    style = f"font-family:{MATH_FONTS};padding:0.2em 0.4em 0.5em;overflow-x:auto"
-    # a longer line is set smaller, so that none has to be scrolled
-    size = 1.25 if max(map(len, latex)) < LONG_LINE else 0.92
-    return f'<div class="equations" style="{style};font-size:{size}em">{lines}</div>'
+    style = f"font-family:{MATH_FONTS};padding:0.2em 0.4em 0.5em;overflow:hidden;font-size:{LARGEST_EM}em"
+    return f'<div class="equations" style="{style}"><style onload="{_FIT}"></style>{lines}</div>'
