@@ -23,11 +23,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stereocalib_core.errors import ConfigError
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 
 def rotation_x(angle_rad: float) -> Array:

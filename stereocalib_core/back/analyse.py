@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.evaluation import OdometryErrors, evaluate
 from stereocalib_core.back.lidar.road_check import LidarCheck, check, who_moved
@@ -28,9 +27,8 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.files.report import gaps, mount_block
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
-
-Array = NDArray[np.float64]
 
 NONHOLONOMIC = "_nonholonomic"
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import invert_transform
+from stereocalib_core.numeric.arrays import Array
 
-Array = NDArray[np.float64]
 Alignment = Literal["none", "first_pose", "se3", "sim3"]
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from stereocalib_core.boards.rotations import nearest_rotation
-from stereocalib_core.geometry import Array, transform
+from stereocalib_core.geometry import transform
+from stereocalib_core.numeric.arrays import Array
 
 
 def unnikrishnan_hebert(

@@ -12,7 +12,9 @@ from scipy.spatial import cKDTree
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.outline import Outline, fit_outline
 from stereocalib_core.boards.planes import plane_through, ransac_plane, tangent_basis
-from stereocalib_core.geometry import Array, Plane
+from stereocalib_core.geometry import Plane
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 
 MOST_RAYS = 60_000
 MOST_SEEDS = 6000
@@ -70,7 +72,7 @@ def candidate_of_cropped(points: Array, board: BoardSpec) -> BoardCandidate | No
     if rough.sum() < 10:
         return None
     plane, _ = plane_through(points[rough])
-    noise = 1.4826 * float(np.median(np.abs(plane.signed_distance(points[rough]))))
+    noise = mad_sigma(plane.signed_distance(points[rough]))
     tolerance = float(np.clip(3.5 * noise, 0.02, 0.10))
     inliers = points[ransac_plane(points, tolerance)]
     if len(inliers) < 10 or len(inliers) < 0.3 * len(points):

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.boards.rotations import apply_twist, skew
-from stereocalib_core.geometry import Array, Plane, transform
+from stereocalib_core.geometry import Plane, transform
+from stereocalib_core.numeric.arrays import Array
 
 CLEARLY_WORSE = 4.0
 SEARCH_WIDTH_PX = 1100

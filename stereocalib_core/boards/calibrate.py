@@ -44,7 +44,8 @@ from stereocalib_core.boards.solve import (
 )
 from stereocalib_core.boards.wrong_pairs import leave_one_out, wrong_pairs
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array, invert_transform
+from stereocalib_core.geometry import invert_transform
+from stereocalib_core.numeric.arrays import Array
 
 MOST_POINTS = 1500
 LEAST_CORNER_SIGMA_PX, LEAST_RANGE_SIGMA_M = 0.02, 0.001

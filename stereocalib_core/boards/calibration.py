@@ -11,7 +11,8 @@ from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.refine import Iteration, Noise
 from stereocalib_core.boards.rotations import quaternion_xyzw, roll_pitch_yaw
-from stereocalib_core.geometry import Array, invert_transform
+from stereocalib_core.geometry import invert_transform
+from stereocalib_core.numeric.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 COEFFICIENTS = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
 

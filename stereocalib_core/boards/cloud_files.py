@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards import pcd, ply
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 MINIMUM_POINTS = 20
 NEAREST_M, FARTHEST_M = 0.05, 1000.0

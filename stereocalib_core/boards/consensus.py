@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.rotations import nearest_rotation, rigid
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 ANGLE_RAD = np.deg2rad(6.0)
 MOST_PROPOSALS = 4000

@@ -29,7 +29,8 @@ from stereocalib_core.boards.observability import edge_on_words
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array, invert_transform
+from stereocalib_core.geometry import invert_transform
+from stereocalib_core.numeric.arrays import Array
 
 WORKERS = 2
 FARTHER_THAN_CAMERA_M = 3.0

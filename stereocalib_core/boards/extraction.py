@@ -8,7 +8,9 @@ from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.boards.outline import fit_outline, meet, rays_inside
 from stereocalib_core.boards.planes import fit_plane, plane_through, ransac_plane
 from stereocalib_core.boards.rotations import angle_between
-from stereocalib_core.geometry import Array, Plane
+from stereocalib_core.geometry import Plane
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 LEAST_POINTS = 12
 LEAST_SCORE = 0.6
@@ -64,7 +66,7 @@ def _own_tolerance(points: Array, plane: Plane, tolerance_m: float) -> float:
     limit = tolerance_m
     for _ in range(4):
         inside = distance[distance < limit]
-        sigma = 1.4826 * float(np.median(inside)) if len(inside) else 0.0
+        sigma = SIGMA_PER_MAD * float(np.median(inside)) if len(inside) else 0.0
         limit = float(np.clip(3.0 * sigma, 0.5 * tolerance_m, 1.3 * limit))
     return min(limit, 2.5 * tolerance_m, LOOSE_TOLERANCE_M)
 

@@ -8,7 +8,7 @@ import numpy as np
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 LEAST_PICTURES = 3
 PICTURES_FOR_K3 = 10

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 DEGENERATE, WEAK = 0.05, 0.12
 LOST_SIGMA_M, LOST_SIGMA_RAD = 0.25, np.deg2rad(5.0)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.geometry import Array, Plane
+from stereocalib_core.geometry import Plane
+from stereocalib_core.numeric.arrays import Array
 
 
 @dataclass(frozen=True)

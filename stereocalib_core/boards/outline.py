@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.planes import tangent_basis
-from stereocalib_core.geometry import Array, Plane
+from stereocalib_core.geometry import Plane
+from stereocalib_core.numeric.arrays import Array
 
 RIM_M = 0.20
 EDGE_SHARE = 0.025

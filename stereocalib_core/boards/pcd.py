@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 LONGEST_HEADER_BYTES = 64 * 1024
 LARGEST_UNPACKED_BYTES = 1 << 31

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PairObservation
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 if TYPE_CHECKING:  # matplotlib takes most of a second to import, and only the figures need it
     from matplotlib.axes import Axes

@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.boards.observation import PlaneEstimate
-from stereocalib_core.geometry import Array, Plane
+from stereocalib_core.geometry import Plane
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 
 MINIMUM_POINTS = 10
 RANGE_SIGMA_FLOOR_M = 1e-4
@@ -51,7 +53,7 @@ def fit_plane(
     for _ in range(12):
         slant = np.maximum(rays @ plane.normal, MIXED_FLOOR)
         miss = reach - plane.offset_m / slant
-        spread = range_sigma_m or max(1.4826 * float(np.median(np.abs(miss))), RANGE_SIGMA_FLOOR_M)
+        spread = range_sigma_m or max(mad_sigma(miss), RANGE_SIGMA_FLOOR_M)
         weights = np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(miss), 1e-12))
         # Derivatives at the point where the ray meets the plane, not at the noisy one: that would bias them.
         met = rays * (plane.offset_m / slant)[:, None]

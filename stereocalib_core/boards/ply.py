@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 LONGEST_HEADER_BYTES = 64 * 1024
 TYPES = {

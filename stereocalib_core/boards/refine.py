@@ -17,7 +17,7 @@ from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.planes import MIXED_FLOOR
 from stereocalib_core.boards.rotations import apply_twist, skew
 from stereocalib_core.boards.solve import covariance_of, pseudo_inverse
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 HUBER = 2.5
 MOST_ITERATIONS = 40

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stereocalib_core.geometry import Array, transform
+from stereocalib_core.geometry import transform
+from stereocalib_core.numeric.arrays import Array
 
 
 def skew(v: Array) -> Array:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.observation import PlaneEstimate
 from stereocalib_core.boards.planes import tangent_basis
 from stereocalib_core.boards.rotations import apply_twist, nearest_rotation, skew
-from stereocalib_core.geometry import Array, transform
+from stereocalib_core.geometry import transform
+from stereocalib_core.numeric.arrays import Array
 
 PRIOR_SHARE = 0.05
 """Normals that spread less than this say nothing beyond noise; there a prior speaks."""

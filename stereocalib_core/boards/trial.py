@@ -10,7 +10,7 @@ import numpy as np
 from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.observation import PairObservation
 from stereocalib_core.boards.rotations import angle_between, rigid, rotation_from_vector
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 
 @dataclass(frozen=True)

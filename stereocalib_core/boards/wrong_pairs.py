@@ -15,7 +15,7 @@ from stereocalib_core.boards.solve import (
     weighted,
     weights_of,
 )
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 LEAST_TO_JUDGE = 4
 OUTLIER = 5.0

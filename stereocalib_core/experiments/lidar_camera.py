@@ -30,7 +30,7 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     simulate_boards,
 )
 from stereocalib_core.files.io import write_json
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 Progress = Callable[[int, int, str], None]
 COUNTS = tuple(range(5, 16))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from stereocalib_core.experiments.lidar_camera_simulation import ASSUMPTIONS
 from stereocalib_core.files.io import write_atomic
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 
 PAPER_COUNTS = tuple(range(5, 16))
 PAPER = {

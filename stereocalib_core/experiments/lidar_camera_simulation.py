@@ -14,7 +14,8 @@ from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PairObservation
 from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.boards.rotations import rotation_from_roll_pitch_yaw, rotation_from_vector
-from stereocalib_core.geometry import Array, invert_transform, transform
+from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.numeric.arrays import Array
 
 BOARD = BoardSpec(columns=8, rows=8, square_m=0.09, width_m=0.81, height_m=0.81)
 CAMERA = BoardCamera(

@@ -16,7 +16,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.front.pipeline import FrontEnd
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.prefetch import prefetch
 

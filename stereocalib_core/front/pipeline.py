@@ -21,10 +21,9 @@ from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.numeric.threads import shared_pool
 from stereocalib_core.results import Check, FrameResult, RoadEstimate, Tracks
-
-Grey = NDArray[np.uint8]
 
 NOMINAL = Extrinsics(1.65, 0.0, 0.0)
 """Where tracks start from until a first pair shows the road."""

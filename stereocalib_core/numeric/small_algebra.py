@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Fast arithmetic for inner loops that keeps NaN and infinity what they are: points are told by them."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.path import FRAME_RATE_HZ, Motion
-
-Array = NDArray[np.float64]
 
 _PITCH_PER_BRAKING = np.deg2rad(0.22)
 """Nose down [rad] per m/s^2 of braking."""

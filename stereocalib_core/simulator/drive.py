@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import path as paths
 from stereocalib_core.simulator.body import ride
 from stereocalib_core.simulator.faults import AXES, Fault, offsets
@@ -16,8 +16,6 @@ from stereocalib_core.simulator.ground import AHEAD_M, Ground, Ramp, build_groun
 from stereocalib_core.simulator.path import Course, Motion
 from stereocalib_core.simulator.pose_path import course_from_poses
 from stereocalib_core.simulator.settings import DriveSettings
-
-Array = NDArray[np.float64]
 
 _WHEELBASE_M, _TRACK_M = 2.71, 1.5
 _STRAIGHT_M, _PLANE_M = 300.0, 200.0

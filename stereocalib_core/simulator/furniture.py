@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from stereocalib_core.geometry import rotation_y
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import meshes, painting
 from stereocalib_core.simulator.drive import Drive
 from stereocalib_core.simulator.meshes import Mesh
 from stereocalib_core.simulator.roadmap import RoadMap, course_tree
 
-Array = NDArray[np.float64]
 _CAR_TONES = (0.22, 0.35, 0.6, 0.95, 1.15, 1.5, 1.75)
 _TREES, _HOUSES = 5, 10
 _CLEAR_M = 7.6

@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.path import STEP_M, Course
-
-Array = NDArray[np.float64]
 
 LEFT_KERB_M, RIGHT_KERB_M = -5.25, 4.0
 LANE_EDGE_M, CROWN_M = 1.75, -1.75

@@ -13,12 +13,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import rotation_x, rotation_y, rotation_z, transform
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.faults import offsets
 from stereocalib_core.simulator.renderer import Canvas, list_draws
 from stereocalib_core.simulator.world import World, moving
-
-Array = NDArray[np.float64]
 
 BEAMS, AZIMUTHS = 64, 1800
 HIGHEST_DEG, LOWEST_DEG = 2.0, -24.8

@@ -7,10 +7,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.raster import FLAG_ALPHA, FLAG_TWO_SIDED
 from stereocalib_core.simulator.shade import OBSTACLE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

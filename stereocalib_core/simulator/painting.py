@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.simulator.textures import tileable_noise
 
-Grey = NDArray[np.uint8]
 FACADES = 8
 CAR_TEXEL_M = 0.01
 

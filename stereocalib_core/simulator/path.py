@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import fsolve
 
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 STEP_M = 0.05
 """Distance between samples of a course."""

@@ -7,15 +7,13 @@ banks with the slow part of the camera's roll.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import Extrinsics, transform
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
 from stereocalib_core.simulator.path import STEP_M, Course
-
-Array = NDArray[np.float64]
 
 _SMOOTH_M, _SMOOTH_HEIGHT_M, _SMOOTH_BANK_M = 2.0, 10.0, 12.0
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera, invert_transform
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.furniture import Instance
 from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
@@ -22,7 +23,6 @@ from stereocalib_core.simulator.world import (
     World,
 )
 
-Array = NDArray[np.float64]
 FAR_M = 170.0
 _MAX_VISIBLE = 60_000
 _HAZE_GREY = 190.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.ground import (
     CROWN_M,
     HALF_WIDTH_M,
@@ -22,7 +23,6 @@ from stereocalib_core.simulator.path import STEP_M, Course
 from stereocalib_core.simulator.shade import ROAD_TEXEL_M
 from stereocalib_core.simulator.textures import tileable_noise
 
-Array = NDArray[np.float64]
 ROWS = 1024
 ASPHALT_GREY = 96
 SHADE_GREY = 74

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.drive import Drive, plan_drive
 from stereocalib_core.simulator.effects import noise_factor, spoil
 from stereocalib_core.simulator.faults import AXES, any_active, offsets
@@ -23,7 +24,6 @@ from stereocalib_core.simulator.sensor import BLUR, EXPOSURE_DIFFERENCE, VIGNETT
 from stereocalib_core.simulator.settings import DriveSettings
 from stereocalib_core.simulator.world import World, build_world, moving
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 EXPOSURE_S = 0.003

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import rotation_y
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import painting
 from stereocalib_core.simulator.drive import Drive
 from stereocalib_core.simulator.furniture import Furniture, Instance, furnish
@@ -19,8 +20,6 @@ from stereocalib_core.simulator.raster import FLAG_GROUND
 from stereocalib_core.simulator.roadmap import plain_map, street_map
 from stereocalib_core.simulator.shade import ROAD, UNKNOWN
 from stereocalib_core.simulator.textures import Atlas, build_atlas
-
-Array = NDArray[np.float64]
 
 SUN = np.array([np.sin(0.9) * np.cos(0.75), -np.sin(0.75), np.cos(0.9) * np.cos(0.75)])
 """Direction to the sun."""

@@ -13,7 +13,8 @@ import yaml
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.rotations import rotation_from_vector
-from stereocalib_core.geometry import Array, invert_transform, transform
+from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.numeric.arrays import Array
 
 FLU_TO_RDF = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 

@@ -23,7 +23,8 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     observe,
     simulate_boards,
 )
-from stereocalib_core.geometry import Array, invert_transform, transform
+from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.numeric.arrays import Array
 
 PERFECT = SimulatedNoise(0.0, 0.0)
 PAPER_NOISE = SimulatedNoise()

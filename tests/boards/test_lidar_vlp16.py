@@ -12,7 +12,8 @@ import pytest
 
 from stereocalib_core.boards import Detection, calibrate, detect, open_folder, run, ticked_mask
 from stereocalib_core.boards.rotations import rotation_angle, rotation_from_roll_pitch_yaw
-from stereocalib_core.geometry import Array, invert_transform, transform
+from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.numeric.arrays import Array
 
 
 @pytest.fixture(scope="module")

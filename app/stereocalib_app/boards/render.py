@@ -8,15 +8,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_app.boards.session import LidarSnapshot, PairFiles
 from stereocalib_app.widgets import canvas, palette, text
 from stereocalib_app.widgets.canvas import Picture
 from stereocalib_core.boards import BoardCamera, BoardSpec, PairObservation, PairResult
 from stereocalib_core.boards.pictures import draw_board, overlay
+from stereocalib_core.numeric.arrays import Array
 
-Array = NDArray[np.float64]
 WIDTH_PX = 840
 DOT_PX, CLOSE_UP_DOT_PX = 4, 7
 MOST_CLOSE_UP_PX = 6000

@@ -20,8 +20,8 @@ from stereocalib_app.widgets import palette
 from stereocalib_app.widgets.canvas import lookup_table
 from stereocalib_core.boards import Calibration, PairObservation
 from stereocalib_core.boards.trial import sigma_ellipsoid
+from stereocalib_core.numeric.arrays import Array
 
-Array = NDArray[np.float64]
 MOST_CLOUD_POINTS, MOST_BOARD_POINTS = 40_000, 300
 NEAR_M, FAR_M = 1.0, 12.0
 NORMAL_M = 0.35

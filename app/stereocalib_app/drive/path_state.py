@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_app.drive.paths import DrivePaths
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_core.back.evaluation import OdometryErrors, errors_along, evaluate
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.frames import GroundTruth
+from stereocalib_core.numeric.arrays import Array
 
-Array = NDArray[np.float64]
 EMPTY: Mapping[str, object] = MappingProxyType({})
 
 

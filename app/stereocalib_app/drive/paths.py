@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_core.back.odometry.packing import pack
@@ -22,9 +21,8 @@ from stereocalib_core.back.odometry.trajectory import (
 )
 from stereocalib_core.files.report import estimates
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import DriveAnalysis, FrameResult
-
-Array = NDArray[np.float64]
 
 
 def core_settings(corrections: Corrections, lever_arm_m: float | None) -> TrajectorySettings:

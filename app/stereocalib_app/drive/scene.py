@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from stereocalib_app.widgets import palette
 from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform
+from stereocalib_core.numeric.arrays import Array
 
-Array = NDArray[np.float64]
 _LATERAL_M = np.array([-6.0, -1.75, 1.75, 6.0])
 _AHEAD_M = np.arange(0.0, 40.1, 5.0)
 _FINE_X_M, _FINE_Z_M = np.arange(-6.0, 6.1, 1.0), np.arange(0.0, 40.1, 1.0)

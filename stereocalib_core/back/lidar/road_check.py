@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.files.report import AXES as NAMES
-from stereocalib_core.geometry import Array
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import TO_DEGREES, FrameResult
 
 Axis = Literal["height", "pitch", "roll"]
@@ -33,7 +34,6 @@ UNSEEN = (
     "a road fixes roll, pitch and height of the LiDAR; it says nothing of its yaw and of shifts along x or z"
 )
 
-_MAD = 1.4826
 _MOST_STEPS = 4
 
 
@@ -159,7 +159,7 @@ def who_moved(
 def _robust(values: Array) -> tuple[Array, Array]:
     """Median and 1.4826 times the median distance from it, along the first axis."""
     median = np.median(values, axis=0)
-    return median, _MAD * np.median(np.abs(values - median), axis=0)
+    return median, SIGMA_PER_MAD * np.median(np.abs(values - median), axis=0)
 
 
 def _shift(
@@ -221,7 +221,9 @@ def _jumps(values: Array, sigma: Array, length: int, config: RoadCheckConfig) ->
     stated = np.concatenate([lead, sigma])[onsets[:, None] + np.arange(config.window)]
     after = values[onsets[:, None] + np.arange(length)]
     low, high = _row_medians(before), _row_medians(after)
-    spreads = [_MAD * _row_medians(np.abs(w - m[:, None])) for w, m in ((before, low), (after, high))]
+    spreads = [
+        SIGMA_PER_MAD * _row_medians(np.abs(w - m[:, None])) for w, m in ((before, low), (after, high))
+    ]
     spread = np.maximum(np.hypot(*spreads) / np.sqrt(2), _row_medians(stated))
     known = np.minimum(onsets, config.window)
     independent = [np.maximum(count / config.correlated_frames, 1.0) for count in (known, length)]

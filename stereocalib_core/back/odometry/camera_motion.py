@@ -17,14 +17,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import (
     FAST,
     rotation_from_vector,
     solve_symmetric,
     vector_from_rotation,
 )
-
-Array = NDArray[np.float64]
 
 NOISE_PX = 0.4
 """Typical residual of a track."""

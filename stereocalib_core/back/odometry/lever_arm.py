@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.trajectory import DEFAULT_LEVER_ARM_M, Trajectory
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 PRIOR_LEVER_SIGMA_M = 0.7
 """How far rear axle to camera may differ from the default where no turn shows it."""
@@ -71,7 +70,7 @@ def estimate_lever_and_yaw(free: Trajectory) -> LeverYaw | None:
         J = np.stack([np.ones_like(z), -0.5 * heading - solution[0], -0.5 * z - solution[1]], axis=1)
         variance = np.einsum("ni,nij,nj->n", J, cov, J) + (SLIP_SIGMA * z) ** 2
         residual = y - A @ solution
-        spread = max(1.0, (1.4826 * np.median(np.abs(residual) / np.sqrt(variance))) ** 2)
+        spread = max(1.0, (SIGMA_PER_MAD * np.median(np.abs(residual) / np.sqrt(variance))) ** 2)
         weight = 1.0 / (variance * spread * (1.0 + residual**2 / (4.0 * variance * spread)))
         prior = 1.0 / PRIOR_LEVER_SIGMA_M**2
         inverse_cov = (A * weight[:, None]).T @ A + np.diag([0.0, prior])

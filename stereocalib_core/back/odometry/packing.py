@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.camera_motion import solve_full, solve_stereo
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.results import FrameResult, Tracks
-
-Array = NDArray[np.float64]
 
 STILL_M, STILL_RAD = 0.006, 5e-4
 """A pair that moves and turns less than this stands still: less than a tenth of walking pace, and about three

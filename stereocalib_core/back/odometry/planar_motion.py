@@ -15,9 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.camera_motion import CAUCHY_PX, MAX_ITERATIONS
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import FAST, solve_symmetric
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from stereocalib_core.back.odometry.packing import ROAD_SHARE, PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
 
-Array = NDArray[np.float64]
 Model = Literal["full", "planar", "nonholonomic"]
 
 DEFAULT_LEVER_ARM_M = 0.95

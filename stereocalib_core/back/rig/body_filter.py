@@ -14,12 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
-from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.multiple_model import NoiseBank
 from stereocalib_core.config import FilterConfig
-
-Floats = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 _N = 9
 _LONGEST_STEP_S, _SHORTEST_STEP_S = 1.0, 1e-3
@@ -34,18 +32,18 @@ class FilterStep:
     joined: False where the filter began anew, so that nothing may be carried back over it.
     """
 
-    values: Floats
-    covariance: Floats
+    values: Array
+    covariance: Array
     state: str
-    x: Floats
-    P: Floats
-    F: Floats
-    x_prior: Floats
-    P_prior: Floats
+    x: Array
+    P: Array
+    F: Array
+    x_prior: Array
+    P_prior: Array
     joined: bool
 
 
-def oscillator(frequency_hz: float, damping: float, dt_s: float) -> tuple[Floats, Floats]:
+def oscillator(frequency_hz: float, damping: float, dt_s: float) -> tuple[Array, Array]:
     """Transition (2, 2) of position and velocity over dt, and the (2, 2) noise that keeps unit variance.
 
     Exact for x'' = -w^2 x - 2 d w x' + white noise: with stationary P = diag(1, w^2), Q = P - F P F^T.
@@ -61,12 +59,12 @@ def oscillator(frequency_hz: float, damping: float, dt_s: float) -> tuple[Floats
 class _MatrixUKF(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's filter with all sigma points moved at once; the transition is a matrix."""
 
-    transition: Floats
+    transition: Array
 
     def compute_process_sigmas(self, dt: float, fx: object = None, **fx_args: object) -> None:
         self.sigmas_f = self.points_fn.sigma_points(self.x, self.P) @ self.transition.T
 
-    def cross_variance(self, x: Floats, z: Floats, sigmas_f: Floats, sigmas_h: Floats) -> Floats:
+    def cross_variance(self, x: Array, z: Array, sigmas_f: Array, sigmas_h: Array) -> Array:
         return np.asarray((sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z)))
 
     def refresh(self) -> None:
@@ -74,11 +72,11 @@ class _MatrixUKF(UnscentedKalmanFilter):  # type: ignore[misc]
         self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
 
 
-def _measure(x: Floats) -> Floats:
+def _measure(x: Array) -> Array:
     return np.asarray(x[:3] + x[3:6])
 
 
-def measured_covariance(P: Floats) -> Floats:
+def measured_covariance(P: Array) -> Array:
     """(9, 9) of the state to (3, 3) of height, pitch and roll."""
     return np.asarray(P[:3, :3] + P[3:6, 3:6] + P[:3, 3:6] + P[3:6, :3])
 
@@ -108,7 +106,7 @@ class RigFilter:
         self._persistent = np.zeros((3, 3))
         self._prior = (np.eye(_N), np.zeros(_N), np.eye(_N))
 
-    def step(self, timestamp_s: float, z: Floats | None, R: Floats | None) -> FilterStep:
+    def step(self, timestamp_s: float, z: Array | None, R: Array | None) -> FilterStep:
         """One frame: z (3,) height [m], pitch, roll [rad] with covariance R (3, 3); None where it failed."""
         usable = z is not None and R is not None and bool(np.isfinite(z).all() and np.isfinite(R).all())
         if not usable or z is None or R is None:
@@ -143,7 +141,7 @@ class RigFilter:
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         return self._report(ukf, "updated", joined)
 
-    def _start(self, timestamp_s: float, z: Floats, R: Floats) -> _MatrixUKF:
+    def _start(self, timestamp_s: float, z: Array, R: Array) -> _MatrixUKF:
         points = MerweScaledSigmaPoints(_N, alpha=1.0, beta=2.0, kappa=3.0 - _N)
         ukf = _MatrixUKF(_N, 3, 0.1, _measure, None, points)
         ukf.x = np.concatenate([z, np.zeros(6)])
@@ -161,7 +159,7 @@ class RigFilter:
         ]
         return ukf
 
-    def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Floats | None, R: Floats | None) -> Floats:
+    def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Array | None, R: Array | None) -> Array:
         """Advance the banks and the filter; gives the (3,) factors on the measurement's sigma."""
         dt = min(max(timestamp_s - self._time_s, _SHORTEST_STEP_S), _LONGEST_STEP_S)
         self._time_s = timestamp_s
@@ -189,7 +187,7 @@ class RigFilter:
         self._prior = (F, ukf.x.copy(), ukf.P.copy())
         return noise
 
-    def _reopen(self, ukf: _MatrixUKF, innovation: Floats) -> None:
+    def _reopen(self, ukf: _MatrixUKF, innovation: Array) -> None:
         """Believe that the rest pose has moved by about the innovation."""
         ukf.x[:3] += innovation
         ukf.x[3:] = 0.0
@@ -213,6 +211,6 @@ class RigFilter:
         )
 
     @property
-    def persistent(self) -> Floats:
+    def persistent(self) -> Array:
         """(3, 3) the share of the last measurement's covariance that no filter removes."""
         return self._persistent

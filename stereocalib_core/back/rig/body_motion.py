@@ -11,8 +11,8 @@ from scipy.ndimage import median_filter
 
 from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 
 _NATURAL_HZ, _DAMPING = 1.4, 0.35
 _GAIN_PRIOR = float(np.deg2rad(0.2))
@@ -128,7 +128,7 @@ def remove_explained(values: Array, motion: MotionSeries) -> Array:
         gain = 0.0
         for _ in range(15):
             residual = dx - gain * dc
-            scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+            scale = max(mad_sigma(residual), 1e-6)
             weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) / scale**2
             gain = float((weight * dc * dx).sum() / ((weight * dc * dc).sum() + 1.0 / _GAIN_PRIOR**2))
         result[:, axis] -= gain * cause

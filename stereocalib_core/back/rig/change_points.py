@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD, mad_sigma
 
 _LAGS = 4
 _BEFORE = 60
@@ -77,7 +78,7 @@ def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
     flat = filled - median_filter(filled, size=121, mode="nearest")
     rows = at[_LAGS:]
     past = np.stack([flat[rows - k] for k in range(1, _LAGS + 1)], axis=1)
-    limit = 5.0 * 1.4826 * float(np.median(np.abs(flat))) + 1e-12
+    limit = 5.0 * SIGMA_PER_MAD * float(np.median(np.abs(flat))) + 1e-12
     whole = known[rows] & np.all([known[rows - k] for k in range(1, _LAGS + 1)], axis=0)
     clean = whole & (np.abs(past) < limit).all(axis=1) & (np.abs(flat[rows]) < limit)
     coefficients = np.zeros(_LAGS)
@@ -90,12 +91,12 @@ def _whiten(series: Array, calm: NDArray[np.bool_], noise: float) -> _White:
     innovations[rows] = filled[rows] - before @ coefficients
     level = (1.0 - coefficients.sum()) * (filled - flat)
     # Where several frames nearby are wild, one more is no news; a step itself is wild in a frame or two only.
-    restless = 1.4826 * median_filter(np.abs(innovations - level), size=21, mode="reflect")
+    restless = SIGMA_PER_MAD * median_filter(np.abs(innovations - level), size=21, mode="reflect")
     for kind in (calm, ~calm):
         chosen = np.zeros(len(series), dtype=bool)
         chosen[rows] = whole & kind[rows]
         if chosen.any():
-            deviation = 1.4826 * float(np.median(np.abs((innovations - level)[chosen])))
+            deviation = mad_sigma((innovations - level)[chosen])
             usual = max(deviation, noise)
             weights[chosen] = 1.0 / np.where(restless > 1.7 * usual, restless, usual)[chosen] ** 2
     return _White(innovations, level, weights, coefficients)
@@ -162,7 +163,7 @@ def find_step(
             continue
         # Where the series is no autoregression the scores scatter more than they should.
         others, deviations = _likelihood(without, reach)
-        scatter = max(1.4826 * float(np.median((np.abs(others) / deviations)[usable])), 1.0)
+        scatter = max(SIGMA_PER_MAD * float(np.median((np.abs(others) / deviations)[usable])), 1.0)
         if score[k] > threshold * scatter:
             ready = [h for h, s in zip(horizons, scores, strict=True) if s[k] > threshold * scatter]
             certain = min(k + ready[0], len(series)) - 1

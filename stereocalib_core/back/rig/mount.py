@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.body_motion import MotionSeries, remove_explained
 from stereocalib_core.back.rig.over_wheels import over_wheels
 from stereocalib_core.back.rig.shift_alarm import Shift
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.results import FrameResult, Measured, Rig
-
-Array = NDArray[np.float64]
 
 _BLOCK = 30
 """Frames whose body motion may be alike: sigma comes from means over so many."""
@@ -59,14 +58,14 @@ def _mean(values: Array, least_sigma: float) -> Measured | None:
     if len(values) == 0:
         return None
     centre = float(np.median(values))
-    spread = max(1.4826 * float(np.median(np.abs(values - centre))), 1e-12)
+    spread = max(mad_sigma(values - centre), 1e-12)
     for _ in range(20):
         weight = 1.0 / (1.0 + ((values - centre) / (2.0 * spread)) ** 2)
         centre = float((weight * values).sum() / weight.sum())
     count = len(values) // _BLOCK
     if count >= 4:
         blocks = np.median(values[: count * _BLOCK].reshape(count, _BLOCK), axis=1)
-        sigma = 1.4826 * float(np.median(np.abs(blocks - np.median(blocks)))) / np.sqrt(count)
+        sigma = mad_sigma(blocks, None) / np.sqrt(count)
     else:
         sigma = spread / np.sqrt(max(len(values) / _BLOCK, 1.0))
     return Measured(centre, float(np.hypot(sigma, least_sigma)))

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 BODY_FACTORS = (0.18, 0.35, 0.7, 1.4, 2.8)
 """On the nominal standard deviation of the body's motion."""
@@ -22,16 +21,16 @@ NOISE_FACTORS = (0.35, 0.6, 1.0, 1.7, 3.0)
 
 @njit(cache=True)
 def step_bank(
-    states: Floats,
-    covariances: Floats,
-    scores: Floats,
-    F: Floats,
+    states: Array,
+    covariances: Array,
+    scores: Array,
+    F: Array,
     Q_mount: float,
-    Q_body: Floats,
+    Q_body: Array,
     z: float,
     variance: float,
-    body_factors: Floats,
-    noise_factors: Floats,
+    body_factors: Array,
+    noise_factors: Array,
     forget: float,
 ) -> None:
     """One frame of one axis, in place. states (B, M, 3), covariances (B, M, 3, 3), scores (B, M) log-weights.
@@ -82,9 +81,7 @@ class NoiseBank:
         self._prior = -0.5 * (lb / 0.8) ** 2 - 0.5 * (ln / 0.35) ** 2
         self._scores = np.zeros(shape)
 
-    def step(
-        self, F: Floats, Q_mount: float, Q_body: Floats, z: float, variance: float, forget: float
-    ) -> None:
+    def step(self, F: Array, Q_mount: float, Q_body: Array, z: float, variance: float, forget: float) -> None:
         """One frame; `z` NaN predicts only."""
         step_bank(
             self._states,

@@ -9,11 +9,9 @@ value rests on several planes, and what changes from one frame to the next is th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.body_motion import MotionSeries
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 _AHEAD_M, _HALF_M = 7.0, 1.5
 """Where a pair sees the road best, ahead of the wheels, and half the stretch of planes that are averaged."""

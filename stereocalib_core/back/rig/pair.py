@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from stereocalib_core.config import RectificationConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult
 
-Floats = NDArray[np.float64]
 Verdict = Literal["good", "suspect", "bad"]
 
 
@@ -65,10 +66,10 @@ class RectificationReport:
         }
 
 
-def _robust_mean(values: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+def _robust_mean(values: Array, sigma: Array) -> tuple[Array, Array]:
     """Column means and their standard deviations of (N, K) values with (N, K) sigma, outliers bounded."""
     centre = np.median(values, axis=0)
-    spread = np.maximum(1.4826 * np.median(np.abs(values - centre), axis=0), 1e-12)
+    spread = np.maximum(SIGMA_PER_MAD * np.median(np.abs(values - centre), axis=0), 1e-12)
     weights = np.ones_like(values)
     for _ in range(8):
         weights = 1.0 / ((1.0 + ((values - centre) / (3.0 * spread)) ** 2) * (sigma**2 + spread**2))
@@ -80,7 +81,7 @@ def _robust_mean(values: Floats, sigma: Floats) -> tuple[Floats, Floats]:
     return centre, np.sqrt(scatter / count + (0.1 * np.median(sigma, axis=0)) ** 2)
 
 
-def _worst_part(values_deg: Floats, window: int) -> NDArray[np.bool_]:
+def _worst_part(values_deg: Array, window: int) -> NDArray[np.bool_]:
     """Which of (N, 2) pitch, roll belong to the state furthest from zero, if there are two states."""
     n = len(values_deg)
     everything = np.ones(n, dtype=bool)
@@ -91,7 +92,7 @@ def _worst_part(values_deg: Floats, window: int) -> NDArray[np.bool_]:
     sizes = np.abs(medians * scale).max(axis=1)
     worst, mildest = medians[int(np.argmax(sizes))], medians[int(np.argmin(sizes))]
     apart = np.abs((worst - mildest) * scale).max()
-    noise = 1.4826 * np.median(np.abs(np.diff(values_deg * scale, axis=0)), axis=0).max()
+    noise = SIGMA_PER_MAD * np.median(np.abs(np.diff(values_deg * scale, axis=0)), axis=0).max()
     if apart < max(0.02, 2.0 * noise):
         return everything
     distance = np.abs((values_deg - worst) * scale).max(axis=1)

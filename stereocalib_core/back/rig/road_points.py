@@ -11,13 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stereocalib_core.config import RoadPointsConfig
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult
-
-Array = NDArray[np.float64]
 
 _ROUNDS, _SOFT_ROUNDS = 14, 4
 _LEAST_SCALE = 0.3
@@ -48,7 +47,7 @@ def fit_plane(rays: Array, noise: Array) -> tuple[Array, Array]:
         for i in range(m):
             plane = solution[0] * rays[1, i] + solution[1] * rays[0, i] + solution[2]
             residual[i] = (rays[2, i] - plane) / noise[i]
-        scale = max(1.4826 * np.median(np.abs(residual)), _LEAST_SCALE)
+        scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), _LEAST_SCALE)
         power = 1 if k < _SOFT_ROUNDS else 3
         for i in range(m):
             weight[i] = 1.0 / (noise[i] ** 2 * (1.0 + (residual[i] / (2.0 * scale)) ** 2) ** power)

@@ -26,9 +26,10 @@ from stereocalib_core.back.rig.over_wheels import over_wheels
 from stereocalib_core.back.rig.turmoil import find_hidden_step, wild_stretches
 from stereocalib_core.back.rig.yaw_steps import find_yaw_steps
 from stereocalib_core.config import ShiftAlarmConfig
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.results import FrameResult
 
-Array = NDArray[np.float64]
 Axis = Literal["height", "pitch", "roll", "yaw"]
 
 UNSEEN = "A shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen."
@@ -183,7 +184,7 @@ def _drift(
     first, last, size = best
     ramp = np.clip((t - first) / (last - first), 0.0, 1.0)
     residual = level - np.median(level - size * ramp) - size * ramp
-    scatter = max(1.4826 * float(np.median(np.abs(residual))), noise)
+    scatter = max(mad_sigma(residual), noise)
     if abs(size) < max(config.drift_factor * least, config.threshold * scatter) or best_cost > 0.5 * flat:
         return None
     middle = index[min((first + last) * block // 2, len(index) - 1)]

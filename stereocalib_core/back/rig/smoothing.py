@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.road_points import lean_on, road_planes
 from stereocalib_core.config import FilterConfig
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import FilteredExtrinsics, FrameResult
 
 if TYPE_CHECKING:
     from stereocalib_core.back.rig.body_filter import FilterStep
-
-Floats = NDArray[np.float64]
 
 
 def filter_drive(
@@ -38,7 +36,7 @@ def filter_drive(
     config = config or FilterConfig()
     rig = RigFilter(config)
     steps: list[FilterStep] = []
-    persistent: list[Floats] = []
+    persistent: list[Array] = []
     measured, covariances = _measured(results, config, dense)
     for result, z, R in zip(results, measured, covariances, strict=True):
         steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
@@ -58,7 +56,7 @@ def filter_drive(
 
 def _measured(
     results: Sequence[FrameResult], config: FilterConfig, dense: StereoCamera | None
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
     for i, result in enumerate(results):
@@ -70,7 +68,7 @@ def _measured(
     return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)
 
 
-def _bends(results: Sequence[FrameResult]) -> Floats:
+def _bends(results: Sequence[FrameResult]) -> Array:
     """(N, 3, 3) what the road's bend ahead adds to each frame, through a gap that of the frame before it.
 
     The filter follows the nearer road as each pair does; that the lane as a whole lies otherwise is no noise.
@@ -95,7 +93,7 @@ def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:
     return found
 
 
-def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Floats, Floats]]:
+def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Array, Array]]:
     """Smoothed states and covariances of consecutive frames, last frame first."""
     x, P = steps[-1].x, steps[-1].P
     smoothed = [(x, P)]

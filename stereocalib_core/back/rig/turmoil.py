@@ -8,12 +8,11 @@ told by the drive itself: by how much levels differ across calm stretches of the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from stereocalib_core.back.rig.change_points import Step
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD, mad_sigma
 
 _LOCAL, _WILD = 21, 6.0
 """Frames of the running median; wild is what lies off it by so many usual deviations. A step alone does not."""
@@ -41,7 +40,7 @@ def wild_stretches(values: Array) -> list[tuple[int, int]]:
             continue
         filled = np.interp(at, at[known], column[known])
         off = np.abs(filled - median_filter(filled, size=_LOCAL, mode="nearest"))
-        wild |= known & (off > _WILD * 1.4826 * np.median(off[known]))
+        wild |= known & (off > _WILD * SIGMA_PER_MAD * np.median(off[known]))
     frames = np.flatnonzero(wild)
     groups = np.split(frames, np.flatnonzero(np.diff(frames) > _JOINED) + 1)
     stretches = [(int(g[0]) - _LEAD, int(g[-1]) + 1 + _SETTLE) for g in groups if len(g) > 1]
@@ -105,4 +104,4 @@ def _usual_rise(calm: Array, length: int, count: int) -> float:
             rises.append(_rise(calm[first - count : first], calm[first + length : first + length + count]))
     if len(rises) < _CALM_PLACES:
         return float("inf")
-    return 1.4826 * float(np.median(np.abs(rises)))
+    return mad_sigma(np.array(rises))

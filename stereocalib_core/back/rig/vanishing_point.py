@@ -13,8 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 _SAMPLES = 80
 _MIN_FLOW_PX = 0.7

@@ -35,10 +35,10 @@ from stereocalib_core.back.rig.vanishing_point import (
     view_pair,
 )
 from stereocalib_core.config import YawConfig
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 from stereocalib_core.results import Measured
-
-Array = NDArray[np.float64]
 
 _BLOCK = 8
 """Pairs whose errors may be alike (the same stretch of road): sigma comes from means over so many."""
@@ -90,7 +90,7 @@ def without_sway(values: Array, roll: Array) -> Array:
     arm, level = _SWAY_M, float(np.median(values))
     for _ in range(10):
         residual = values - level - arm * roll
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-7)
+        spread = max(mad_sigma(residual), 1e-7)
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
         level = float((weight * (values - arm * roll)).sum() / weight.sum())
         prior = (max(spread, _PAIR_SIGMA) / _SWAY_SIGMA_M) ** 2
@@ -225,7 +225,7 @@ def _consensus(values: Array, tolerance: float) -> tuple[float, NDArray[np.bool_
     inlier = np.abs(values - centre) < tolerance
     for _ in range(20):
         inside = values[inlier]
-        spread = max(1.4826 * float(np.median(np.abs(inside - np.median(inside)))), 1e-7)
+        spread = max(mad_sigma(inside, None), 1e-7)
         weight = 1.0 / (1.0 + ((inside - centre) / (2.0 * spread)) ** 2)
         centre = float((weight * inside).sum() / weight.sum())
         inlier = np.abs(values - centre) < max(min(tolerance, 5.0 * spread), 1e-6)

@@ -8,13 +8,12 @@ the odometry shows when, in a bend as well. Whether it lasted is told by the yaw
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.body_motion import MotionSeries
 from stereocalib_core.back.rig.change_points import Step, find_step
 from stereocalib_core.config import ShiftAlarmConfig
-
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import mad_sigma
 
 _HORIZONS = (15, 30, 60)
 """Pairs on straights after a knock by which it may be certain; so many before it are its level."""
@@ -51,7 +50,7 @@ def find_yaw_steps(pair_yaw_rad: Array, motion: MotionSeries, config: ShiftAlarm
     known = np.isfinite(jumps)
     if not known.any():
         return []
-    usual = 1.4826 * float(np.median(np.abs(jumps[known])))
+    usual = mad_sigma(jumps[known])
     height = np.where(known, np.abs(jumps), 0.0)
     steps: list[Step] = []
     for onset in np.argsort(-height).tolist():
@@ -93,7 +92,7 @@ def _confirmed(levels: Array, onset: int, jump: float, usual: float) -> Step | N
 
 
 def _mean_sigma(values: Array) -> float:
-    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    spread = mad_sigma(values, None)
     return spread / float(np.sqrt(max(len(values) / _CORRELATED, 1.0)))
 
 

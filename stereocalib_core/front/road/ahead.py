@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import LaneConfig
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 _BIN_M = 1.0
 _SHARPEST_PER_M = 1.0 / 120.0
@@ -48,7 +47,7 @@ def _count(
     cx: float,
     cy: float,
     b: float,
-    plane: Float,
+    plane: Array,
     camera_height: float,
     near: float,
     half_lane: float,
@@ -86,7 +85,7 @@ def _quantile(counts: NDArray[np.int64], share: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _surface(counts: NDArray[np.int64]) -> Float:
+def _surface(counts: NDArray[np.int64]) -> Array:
     """(bins,) height of the surface over the plane [m], NaN where nothing is surely one."""
     bins = len(counts)
     surface = np.full(bins, np.nan)
@@ -114,7 +113,7 @@ def _surface(counts: NDArray[np.int64]) -> Float:
     return surface
 
 
-def _walk(surface: Float) -> list[int]:
+def _walk(surface: Array) -> list[int]:
     """The bins of one unbroken surface that begins on the plane."""
     path: list[int] = []
     for k in np.flatnonzero(np.isfinite(surface)):

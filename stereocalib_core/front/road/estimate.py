@@ -19,10 +19,8 @@ from stereocalib_core.front.road.paper import PaperFit, fit_paper
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.numeric.arrays import Grey, Mask
 from stereocalib_core.results import Check, RoadEstimate
-
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from stereocalib_core.geometry import (
     roll_from_slope,
     slope_from_roll,
 )
-
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class PaperFit:
     """The chain's result. `profile` is the last fit, with roll taken out; `first` the one before."""
 
     extrinsics: Extrinsics
-    covariance: Float
+    covariance: Array
     first: Profile
     profile: Profile
     roll: RollVote | None
@@ -35,7 +34,7 @@ class PaperFit:
 
 def covariance_of(
     camera: StereoCamera, profile: Profile, roll: RollVote, pitch_rad: float, config: ProfileConfig
-) -> Float:
+) -> Array:
     """(3, 3) of height, pitch, roll from those of profile and slope, with what roads add to it."""
     c = np.cos(pitch_rad)
     jacobian = np.array([[camera.baseline_m * c, 0.0], [0.0, -(c**2) / camera.focal_px]])

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 
 @njit(cache=True, nogil=True)
@@ -17,7 +17,7 @@ def lay_patches(
     cx: float,
     cy: float,
     b: float,
-    plane: Float,
+    plane: Array,
     half_u: int,
     half_v: int,
     near: float,
@@ -27,7 +27,7 @@ def lay_patches(
     solid_sums: NDArray[np.int32],
     step: int,
     min_solid: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Centres u, v (N,) and road distance (N,) of a tiling of the lane; `allowed` is on the disparity grid.
 
     A patch's centre is allowed, and so is at least `min_solid` of it once pinholes are closed (`solid_sums`:
@@ -76,13 +76,13 @@ def align(
     cx: float,
     cy: float,
     shift: float,
-    plane: Float,
-    above: Float,
+    plane: Array,
+    above: Array,
     us: NDArray[np.int64],
     vs: NDArray[np.int64],
     half_u: int,
     half_v: int,
-    sums: Float,
+    sums: Array,
 ) -> None:
     """Right against left over the plane, patch p at `above[p]` [px] over it.
 
@@ -158,7 +158,7 @@ def align(
 
 
 @njit(cache=True, nogil=True)
-def offsets_of(sums: Float, u: Float, trust: Float, pixels: int) -> tuple[Float, Float]:
+def offsets_of(sums: Array, u: Array, trust: Array, pixels: int) -> tuple[Array, Array]:
     """Each patch's disparity offset [px] from the plane and its sigma (inf = nothing to see).
 
     The right image's rows may lie a little off: left - right = -offset g_u + dv g_v with one

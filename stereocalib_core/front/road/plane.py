@@ -31,9 +31,8 @@ from stereocalib_core.front.road.surface import (
     unseen_share,
 )
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.threads import shared_pool
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -43,12 +42,12 @@ class PatchFit:
     weight: (N,) 0...1 robust weight of the last fit; 0 = rejected.
     """
 
-    u: Float
-    v: Float
-    z: Float
-    offset_px: Float
-    sigma_px: Float
-    weight: Float
+    u: Array
+    v: Array
+    z: Array
+    offset_px: Array
+    sigma_px: Array
+    weight: Array
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class DirectFit:
     """
 
     extrinsics: Extrinsics
-    covariance: Float
+    covariance: Array
     patches: PatchFit
     unevenness_m: float
     agreement: float
@@ -155,12 +154,12 @@ def _align_on_two(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
     camera: StereoCamera,
-    parameters: Float,
-    bent: Float,
+    parameters: Array,
+    bent: Array,
     us: NDArray[np.int64],
     vs: NDArray[np.int64],
     config: DirectConfig,
-    sums: Float,
+    sums: Array,
 ) -> None:
     """`align` with half of the patches on a second core; each patch is on its own, so the bits are the same."""
 
@@ -183,7 +182,7 @@ def _solid(allowed: NDArray[np.bool_], config: DirectConfig) -> tuple[NDArray[np
     return allowed, np.asarray(cv2.integral(closed), dtype=np.int32)
 
 
-def _roughness(over_plane: Float, z: Float, seen: NDArray[np.bool_], config: DirectConfig) -> float:
+def _roughness(over_plane: Array, z: Array, seen: NDArray[np.bool_], config: DirectConfig) -> float:
     """Rms height [m] over the plane up to `rough_range_m`; a patch stands for z^3 of surface."""
     near = seen & (z < config.rough_range_m)
     if not near.any():
@@ -191,7 +190,7 @@ def _roughness(over_plane: Float, z: Float, seen: NDArray[np.bool_], config: Dir
     return float(np.sqrt(np.average(np.minimum(over_plane[near] ** 2, 0.04), weights=z[near] ** 3)))
 
 
-def _unevenness(residual: Float, noise: Float, road: Float, robust: Float, config: DirectConfig) -> float:
+def _unevenness(residual: Array, noise: Array, road: Array, robust: Array, config: DirectConfig) -> float:
     """1 sigma of road height [m] that explains the scatter beyond the noise, by moments of the kept patches."""
     keep = robust > 0
     excess = (residual[keep] ** 2 - noise[keep]) / road[keep]

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import ProfileConfig
 from stereocalib_core.geometry import StereoCamera
-
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class Profile:
 
     slope: float
     intercept_px: float
-    covariance: Float
+    covariance: Array
     inliers: int
     support: float
 
@@ -40,7 +39,7 @@ def collect(
     cx: float,
     half_width_in_baselines: float,
     d_min: float,
-) -> tuple[Float, Float, Float]:
+) -> tuple[Array, Array, Array]:
     """u, v, disparity [px] of the masked cells at disparity >= d_min within a lateral distance of the camera.
 
     |X| = b |u - cx| / Delta, so the corridor is |u - cx| <= half_width_in_baselines * Delta.
@@ -66,17 +65,17 @@ def collect(
 
 @njit(cache=True, nogil=True)
 def _vote_lines(
-    u: Float,
-    v: Float,
-    d: Float,
+    u: Array,
+    v: Array,
+    d: Array,
     cx: float,
-    tilts: Float,
-    slopes: Float,
+    tilts: Array,
+    slopes: Array,
     first: float,
     row_bin: float,
     rows: int,
     every: int,
-) -> Float:
+) -> Array:
     """Hough votes (tilt, slope, intercept) of every n-th cell for the line v = slope d + tilt (u - cx) + intercept."""
     votes = np.zeros((len(tilts), len(slopes), rows))
     fall = np.empty(len(slopes))
@@ -99,14 +98,14 @@ _AT_REST_PX = 1e-4
 # Sums may be reordered, so that several cells are taken at once.
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
 def _refine_line(
-    v: Float,
-    d: Float,
+    v: Array,
+    d: Array,
     slope: float,
     intercept: float,
     tolerance: float,
     relative_tolerance: float,
     rounds: int,
-) -> tuple[float, float, int, float, Float]:
+) -> tuple[float, float, int, float, Array]:
     """Least squares of d on v among the cells near the line, repeated with Tukey weights until it rests.
 
     Rows are exact and disparities are not, so d is regressed on v; returns slope, intercept, inliers,
@@ -150,7 +149,7 @@ _ROW_BIN_PX = 3.0
 
 
 def search_profile(
-    u: Float, v: Float, d: Float, camera: StereoCamera, config: ProfileConfig
+    u: Array, v: Array, d: Array, camera: StereoCamera, config: ProfileConfig
 ) -> tuple[float, float, float] | None:
     """The most voted line: tilt and slope [px/px] and intercept [px]; None without cells."""
     if len(v) < config.min_inliers:
@@ -167,7 +166,7 @@ def search_profile(
 
 
 def fit_profile(
-    v: Float, d: Float, start: tuple[float, float], relative_tolerance: float, config: ProfileConfig
+    v: Array, d: Array, start: tuple[float, float], relative_tolerance: float, config: ProfileConfig
 ) -> Profile | None:
     """Robust line d on v through the cells, from a starting line; None without enough agreement."""
     slope, intercept, inliers, sigma, normal = _refine_line(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stereocalib_core.config import ProfileConfig
 from stereocalib_core.front.road.profile import Profile
 from stereocalib_core.geometry import StereoCamera
-
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class RollVote:
 
 @njit(cache=True, nogil=True)
 def _slopes_at_fixed_disparity(
-    u: Float,
-    v: Float,
-    d: Float,
+    u: Array,
+    v: Array,
+    d: Array,
     cx: float,
     profile_slope: float,
     intercept: float,
@@ -38,7 +38,7 @@ def _slopes_at_fixed_disparity(
     tolerance_px: float,
     trials: int,
     bin_px: int,
-) -> tuple[Float, Float, NDArray[np.int64]]:
+) -> tuple[Array, Array, NDArray[np.int64]]:
     """Eq. 12 at each whole disparity of the matcher's grid, `bin_px` apart.
 
     Returns the slope of v = C (u - cx) + c, its variance and its support (NaN, inf, 0 where there is none).
@@ -112,7 +112,7 @@ def _slopes_at_fixed_disparity(
 
 
 def vote_roll(
-    u: Float, v: Float, d: Float, step_px: int, profile: Profile, camera: StereoCamera, config: ProfileConfig
+    u: Array, v: Array, d: Array, step_px: int, profile: Profile, camera: StereoCamera, config: ProfileConfig
 ) -> RollVote | None:
     """Eq. 12 at every whole disparity of the near range; robust weighted mean of the slopes; None without votes."""
     slopes, variances, support = _slopes_at_fixed_disparity(
@@ -127,7 +127,7 @@ def vote_roll(
     weight = np.cumsum(1.0 / variances[order])
     centre = slopes[order][np.searchsorted(weight, 0.5 * weight[-1])]
     for _ in range(5):
-        scale = max(1.4826 * np.median(np.abs(slopes - centre)), 1e-4)
+        scale = max(SIGMA_PER_MAD * np.median(np.abs(slopes - centre)), 1e-4)
         w = np.clip(1.0 - ((slopes - centre) / (4.0 * scale)) ** 2, 0.0, None) ** 2 / variances
         centre = float(np.sum(w * slopes) / np.sum(w))
     scatter = np.sum(w * (slopes - centre) ** 2) / np.sum(w)

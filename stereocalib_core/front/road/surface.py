@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig
-
-Float = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 SLOTS = 3
 """The first so many unknowns are the plane's; the bends follow."""
@@ -32,26 +31,26 @@ class LaneFit:
     gain (5, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px].
     """
 
-    solution: Float
-    covariance: Float
-    gain: Float
-    robust: Float
-    residual: Float
+    solution: Array
+    covariance: Array
+    gain: Array
+    robust: Array
+    residual: Array
 
 
-def _normal(x_m: Float, z_m: Float, config: DirectConfig) -> tuple[Float, Float]:
+def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]:
     """Across and along, -1...1 over the lane."""
     middle, half = 0.5 * (config.far_m + config.near_m), 0.5 * (config.far_m - config.near_m)
     return x_m / config.lane_half_width_m, (z_m - middle) / half
 
 
-def bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
+def bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
     """(N, 2) height of camber and twist of 1 m at road points."""
     x, z = _normal(x_m, z_m, config)
     return np.column_stack([x * x - 1.0 / 3.0, x * z])
 
 
-def further_bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
+def further_bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
     """(N, 4) height of the bends that are not fitted, per metre of size: along the lane, and the next orders."""
     x, z = _normal(x_m, z_m, config)
     xx, zz = x * x - 1.0 / 3.0, z * z - 1.0 / 3.0
@@ -60,8 +59,8 @@ def further_bends(x_m: Float, z_m: Float, config: DirectConfig) -> Float:
 
 @njit(cache=True, nogil=True)
 def _robust_normal(
-    J: Float, offset: Float, variance: Float, loose: Float, rounds: int, tukey: float, min_scale: float
-) -> tuple[Float, Float, Float, Float]:
+    J: Array, offset: Array, variance: Array, loose: Array, rounds: int, tukey: float, min_scale: float
+) -> tuple[Array, Array, Array, Array]:
     """Weighted least squares repeated with Tukey weights: solution, weights 0...1, normal matrix, right side.
 
     loose: (K, K) information added to the normal matrix while it is solved.
@@ -75,7 +74,7 @@ def _robust_normal(
             for p in range(unknowns):
                 e -= J[i, p] * x[p]
             residual[i] = e / np.sqrt(variance[i])
-        limit = tukey * max(1.4826 * np.median(np.abs(residual)), min_scale)
+        limit = tukey * max(SIGMA_PER_MAD * np.median(np.abs(residual)), min_scale)
         H[:], b[:] = 0.0, 0.0
         for i in range(n):
             robust[i] = max(1.0 - (residual[i] / limit) ** 2, 0.0) ** 2
@@ -88,7 +87,7 @@ def _robust_normal(
     return x, robust, H, b
 
 
-def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> LaneFit:
+def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> LaneFit:
     """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 5).
 
     Raises LinAlgError when the patches do not fix a plane.
@@ -117,8 +116,8 @@ def fit_lane(J: Float, offset: Float, variance: Float, config: DirectConfig) -> 
 
 @njit(cache=True, nogil=True)
 def _average_over_bends(
-    A: Float, right: Float, sizes: Float, reluctance: float
-) -> tuple[Float, Float, Float]:
+    A: Array, right: Array, sizes: Array, reluctance: float
+) -> tuple[Array, Array, Array]:
     """Solution of A x = right with bends of each size beforehand, averaged by their evidence.
 
     Gives the solution, its covariance over all sizes, and the average inverse of A.
@@ -151,8 +150,8 @@ def _average_over_bends(
 
 
 def unmodelled_covariance(
-    fit: LaneFit, px_per_m: Float, further: Float, rough_m: float, unseen: float, config: DirectConfig
-) -> Float:
+    fit: LaneFit, px_per_m: Array, further: Array, rough_m: float, unseen: float, config: DirectConfig
+) -> Array:
     """(5, 5) of what bends further than the fitted ones do to the solution.
 
     px_per_m: (N,) pixels of disparity per metre of height. Their size follows from what the lane shows of
@@ -169,14 +168,14 @@ def unmodelled_covariance(
     return response @ response.T
 
 
-def left_roughness(noise_m: Float, height_m: Float) -> float:
+def left_roughness(noise_m: Array, height_m: Array) -> float:
     """Rms height [m] left over plane and bends that the patches' noise (N,) [m] does not explain."""
     weight = 1.0 / (noise_m**2 + 0.003**2)
     excess = np.minimum(height_m**2, 0.03**2) - noise_m**2
     return float(np.sqrt(max(np.sum(weight * excess) / weight.sum(), 0.0)))
 
 
-def unseen_share(x_m: Float, z_m: Float, config: DirectConfig) -> float:
+def unseen_share(x_m: Array, z_m: Array, config: DirectConfig) -> float:
     """Share of the lane without a patch, counted in cells of an eighth of its length and a quarter of its width."""
     x, z = _normal(x_m, z_m, config)
     inside = np.abs(x) < 1.0

@@ -12,6 +12,7 @@ from stereocalib_core.front.road.paper import fit_paper
 from stereocalib_core.front.road.profile import collect, fit_profile, search_profile
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera, roll_from_slope
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 _EVERYWHERE_M = 1000.0
 
@@ -103,6 +104,6 @@ def _spread(level: NDArray[np.float64], d: NDArray[np.float64]) -> float:
     """Robust spread [px] of the levelled rows about their profile, by two rounds of least squares."""
     gain, offset = np.polyfit(d, level, 1)
     residual = level - gain * d - offset
-    keep = np.abs(residual) < 4.0 * 1.4826 * np.median(np.abs(residual))
+    keep = np.abs(residual) < 4.0 * SIGMA_PER_MAD * np.median(np.abs(residual))
     gain, offset = np.polyfit(d[keep], level[keep], 1)
     return float(np.mean(np.minimum((level - gain * d - offset) ** 2, 900.0)))

@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.numeric.arrays import Array
+
 Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
 _CORNERS = 130
 """Cells that the picture is cut into; the strongest corner of each spreads them over all of it."""
@@ -32,9 +33,9 @@ class RowMatches:
     coarse_px: (F,) raw disparities [px] of every corner with a clear coarse match.
     """
 
-    points: Floats
+    points: Array
     corners: int
-    coarse_px: Floats
+    coarse_px: Array
 
 
 @njit(cache=True, nogil=True)
@@ -82,7 +83,7 @@ def _correlation(left: Bytes, right: Bytes, ul: int, vl: int, ur: int, vr: int, 
 @njit(cache=True, nogil=True)
 def _search(
     left: Bytes, right: Bytes, corners: NDArray[np.int32], low: int, high: int, rows: int, every: int
-) -> Floats:
+) -> Array:
     """(N, 4) disparity, row offset, best correlation and the best one elsewhere, half-resolution pixels.
 
     Only every `every`-th corner is searched beyond infinity, where nothing but a swapped pair matches.
@@ -118,7 +119,7 @@ def _search(
 
 
 @njit(cache=True, nogil=True)
-def _align(left: Bytes, right: Bytes, starts: Floats, radius: int, steps: int) -> Floats:
+def _align(left: Bytes, right: Bytes, starts: Array, radius: int, steps: int) -> Array:
     """(N, 3) right u, v [px] and the final correlation of (N, 4) integer left u, v and first right u, v.
 
     Gauss-Newton on a shift in both axes and a shear du/dv (a road's disparity grows down the patch) against

@@ -26,9 +26,9 @@ from stereocalib_core.config import RectificationConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.front.rows.row_matches import RowMatches, row_matches
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import Check, RectificationSample
-
-Floats = NDArray[np.float64]
 
 _KEYSTONE_RAD = float(np.deg2rad(0.5))
 """A weak pull of the keystone to zero (so much of it is common, 1 sigma) keeps frames with matches in one half of
@@ -47,7 +47,7 @@ class Examination:
 
 
 @njit(cache=True, nogil=True)
-def _robust_rows(design: Floats, dv: Floats, prior: float) -> tuple[Floats, Floats, Floats]:
+def _robust_rows(design: Array, dv: Array, prior: float) -> tuple[Array, Array, Array]:
     """(3,) coefficients of (M, 3) `design` for (M,) rows, the (3, 3) normal matrix and (M,) weights; NaN = failed.
 
     prior: inverse variance of the third one about zero.
@@ -61,7 +61,7 @@ def _robust_rows(design: Floats, dv: Floats, prior: float) -> tuple[Floats, Floa
             residual[i] = dv[i]
             for p in range(3):
                 residual[i] -= design[i, p] * solution[p]
-        scale = max(1.4826 * np.median(np.abs(residual)), 0.03)
+        scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), 0.03)
         normal[:], right[:] = 0.0, 0.0
         normal[2, 2] = prior
         for i in range(m):
@@ -78,7 +78,7 @@ def _robust_rows(design: Floats, dv: Floats, prior: float) -> tuple[Floats, Floa
     return solution, normal, weights
 
 
-def fit_rows(camera: StereoCamera, points: Floats) -> RectificationSample | None:
+def fit_rows(camera: StereoCamera, points: Array) -> RectificationSample | None:
     """Robust fit of the row model to (M, 4) left u, v, right u, v [px]; None where that fails."""
     f = camera.focal_px
     cx_right = camera.cx_px if camera.cx_right_px is None else camera.cx_right_px

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereocalib_core.numeric.arrays import Array
 
 
 @njit(cache=True, nogil=True)

@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.scan import lane_kernels as kernels
-from stereocalib_core.geometry import Array, Extrinsics, Plane, invert_transform
+from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult, RoadResidual
 
 _TO_EXTRINSICS = np.diag([1.0, -1.0, 1.0])
@@ -143,7 +145,7 @@ def _refine(points: Array, weights: Array, start: Array, config: RoadCheckConfig
         residual = kernels.residuals(points, coefficients)
         near = np.abs(residual)
         near = near[near < config.agree_height_m]
-        spread = 1.4826 * float(np.median(near)) if len(near) else 0.0
+        spread = SIGMA_PER_MAD * float(np.median(near)) if len(near) else 0.0
         robust = kernels.reweigh(residual, config.tukey * max(spread, config.min_spread_m))
         coefficients = np.asarray(np.linalg.solve(*kernels.normal_equations(points, weights * robust)))
     return coefficients, robust

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.tracks.patches import HALF, match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from stereocalib_core.numeric.arrays import Array, Grey
 
 ROAD_CELL_PX = (32, 10)
 """Width and height of the cells that give one road corner each; low, for a road is seen at a flat angle."""
@@ -47,7 +45,7 @@ class Corners:
     on_road: NDArray[np.bool_]
 
 
-def halve(image: Image) -> Image:
+def halve(image: Grey) -> Grey:
     """2x2 means; an odd last row or column is cut."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     return np.asarray(
@@ -105,9 +103,9 @@ def _best_of_cells(
 
 def find_corners(
     camera: StereoCamera,
-    left: Image,
-    right: Image,
-    half_left: Image,
+    left: Grey,
+    right: Grey,
+    half_left: Grey,
     extrinsics: Extrinsics,
     disparity: DisparityMap,
     road_known: bool,

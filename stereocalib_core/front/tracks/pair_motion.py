@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.camera_motion import full_pair
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-
-Array = NDArray[np.float64]
 
 SAMPLES = 48
 """Random triples of points tried beside the predicted motion."""

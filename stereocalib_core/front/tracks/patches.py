@@ -13,10 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.numeric.arrays import Array, Grey
 from stereocalib_core.numeric.small_algebra import FAST
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 HALF = 7
 """Half size of the square patch that is tracked from frame to frame [px of its level]."""
@@ -29,7 +27,7 @@ MIN_CONTRAST = 2.5
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _sample(
-    image: Image, u: float, v: float, axu: float, axv: float, ayu: float, ayv: float, out: Array
+    image: Grey, u: float, v: float, axu: float, axv: float, ayu: float, ayv: float, out: Array
 ) -> bool:
     """Fill out (n, n) with the patch around (u, v), one step of columns being (axu, axv), of rows (ayu, ayv).
 
@@ -78,8 +76,8 @@ def _normalise(patch: Array, margin: int) -> float:
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _align(
-    template_image: Image,
-    image: Image,
+    template_image: Grey,
+    image: Grey,
     tu: float,
     tv: float,
     guess: Array,
@@ -140,8 +138,8 @@ def _align(
 
 @njit(cache=True, nogil=True)
 def follow(
-    before: tuple[Image, Image, Image],
-    after: tuple[Image, Image, Image],
+    before: tuple[Grey, Grey, Grey],
+    after: tuple[Grey, Grey, Grey],
     points: Array,
     predicted: Array,
     affine: Array,
@@ -197,7 +195,7 @@ def follow(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
+def _row_template(left: Grey, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
     """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the sum of
     squares of either."""
     n_v, n_u = values.shape
@@ -220,7 +218,7 @@ def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _match_row(
-    right: Image,
+    right: Grey,
     u: int,
     v: int,
     guess: float,
@@ -281,8 +279,8 @@ def _match_row(
 
 @njit(cache=True, nogil=True)
 def match_rows(
-    left: Image,
-    right: Image,
+    left: Grey,
+    right: Grey,
     points: Array,
     guess: Array,
     slopes: Array,

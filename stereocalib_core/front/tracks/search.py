@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.front.tracks.pair_motion import reprojection
 from stereocalib_core.geometry import StereoCamera
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from stereocalib_core.numeric.arrays import Array, Grey
 
 SPEEDS_M = tuple(np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(1.0, 3.5, 0.2)]).tolist())
 """Travel per frame that is tried [m]."""
@@ -28,7 +26,7 @@ _HALF = 3
 
 
 @njit(cache=True, nogil=True)
-def _likeness(before: Image, after: Image, u: float, v: float, x: float, y: float) -> float:
+def _likeness(before: Grey, after: Grey, u: float, v: float, x: float, y: float) -> float:
     """Correlation of two patches of the quarter-size pictures about whole pixels, 0 where it is bad."""
     j, i, c, r = int(np.round(u)), int(np.round(v)), int(np.round(x)), int(np.round(y))
     height, width = before.shape
@@ -54,7 +52,7 @@ def _likeness(before: Image, after: Image, u: float, v: float, x: float, y: floa
 
 @njit(cache=True, nogil=True)
 def _scores(
-    before: Image, after: Image, rays: Array, candidates: Array, focal_px: float, cx_px: float, cy_px: float
+    before: Grey, after: Grey, rays: Array, candidates: Array, focal_px: float, cx_px: float, cy_px: float
 ) -> Array:
     """(C,) sum of squared likeness of all points under each candidate motion."""
     result = np.zeros(len(candidates))
@@ -72,8 +70,8 @@ def _scores(
 
 
 def search_motion(
-    before: Image,
-    after: Image,
+    before: Grey,
+    after: Grey,
     rays: Array,
     on_road: NDArray[np.bool_],
     camera: StereoCamera,

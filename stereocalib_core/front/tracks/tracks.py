@@ -20,11 +20,9 @@ from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motio
 from stereocalib_core.front.tracks.patches import follow, match_rows
 from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.numeric.arrays import Array, Grey
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 from stereocalib_core.results import Tracks
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 TOLERANCE_PX = 1.5
 """How far a point may be from where the pair's motion puts it."""
@@ -58,8 +56,8 @@ class PairView:
     """
 
     index: int
-    left: Image
-    right: Image
+    left: Grey
+    right: Grey
     disparity: DisparityMap
     extrinsics: Extrinsics
     road_known: bool = True
@@ -73,7 +71,7 @@ class TrackerState:
     """
 
     view: PairView | None = None
-    pyramid: tuple[Image, Image, Image] | None = field(default=None, repr=False)
+    pyramid: tuple[Grey, Grey, Grey] | None = field(default=None, repr=False)
     corners: Corners | None = field(default=None, repr=False)
     motion: Array | None = None
 
@@ -96,7 +94,7 @@ def advance(camera: StereoCamera, state: TrackerState, view: PairView) -> tuple[
 
 
 def _track(
-    camera: StereoCamera, state: TrackerState, view: PairView, pyramid: tuple[Image, Image, Image], jump: int
+    camera: StereoCamera, state: TrackerState, view: PairView, pyramid: tuple[Grey, Grey, Grey], jump: int
 ) -> tuple[Tracks | None, Array | None]:
     """Tracks between the state's pair and `view`, and the motion between them."""
     assert state.view is not None and state.pyramid is not None and state.corners is not None
@@ -126,7 +124,7 @@ def _track(
 def _follow(
     camera: StereoCamera,
     state: TrackerState,
-    pyramid: tuple[Image, Image, Image],
+    pyramid: tuple[Grey, Grey, Grey],
     rays: Array,
     predicted: Array,
     coarsest: int,
