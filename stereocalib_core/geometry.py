@@ -47,6 +47,14 @@ def rotation_z(angle_rad: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def road_rotation(pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Array:
+    """(..., 3, 3) R_camera_road = Rx(pitch) Rz(roll), eq. 4, of (...) angles; its second column points down."""
+    pitch, roll = np.broadcast_arrays(np.asarray(pitch_rad, np.float64), np.asarray(roll_rad, np.float64))
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    rows = [[cr, -sr, np.zeros_like(cr)], [cp * sr, cp * cr, -sp], [sp * sr, sp * cr, cp]]
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)))
+
+
 def transform(rotation: Array, translation: ArrayLike) -> Array:
     """(3, 3) and (3,) to a (4, 4) rigid transform."""
     result = np.eye(4)
@@ -198,7 +206,7 @@ class Extrinsics:
     @property
     def R_camera_road(self) -> Array:
         """(3, 3) rotation from road to camera axes, eq. 4."""
-        return rotation_x(self.pitch_rad) @ rotation_z(self.roll_rad)
+        return road_rotation(self.pitch_rad, self.roll_rad)
 
     @property
     def T_camera_road(self) -> Array:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from stereocalib_core.back.odometry.packing import ROAD_SHARE, PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
@@ -130,15 +131,6 @@ def apply_settings(extrinsics: Array, settings: TrajectorySettings) -> Array:
     return np.column_stack([np.maximum(height, 0.05), angles])
 
 
-def road_rotations(extrinsics: Array) -> Array:
-    """(N, 3, 3) R_camera_road = Rx(pitch) Rz(roll), eq. 4."""
-    cp, sp = np.cos(extrinsics[:, 1]), np.sin(extrinsics[:, 1])
-    cr, sr = np.cos(extrinsics[:, 2]), np.sin(extrinsics[:, 2])
-    zero = np.zeros_like(cp)
-    rows = [[cr, -sr, zero], [cp * sr, cp * cr, -sp], [sp * sr, sp * cr, cp]]
-    return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
-
-
 def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySettings) -> Trajectory:
     """The whole drive under one variant.
 
@@ -151,7 +143,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
     filled = fill_missing(np.asarray(extrinsics, dtype=np.float64))
     used = apply_settings(filled, settings)
-    rotations = road_rotations(used)
+    rotations = road_rotation(used[:, 1], used[:, 2])
     has_pair = tracks.previous >= 0
     origin = np.maximum(tracks.previous, 0)
     road = has_pair & (tracks.road_end - tracks.start[:-1] >= MIN_ROAD_POINTS)
@@ -182,7 +174,9 @@ def _full(
     tracks: PackedTracks, given: Array, used: Array, rotations: Array, road: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
-    change = rotations[:, :, 1] / used[:, :1] - road_rotations(given)[:, :, 1] / given[:, :1]
+    change = (
+        rotations[:, :, 1] / used[:, :1] - road_rotation(given[:, 1], given[:, 2])[:, :, 1] / given[:, :1]
+    )
     tilts = np.where(road[:, None], change[np.maximum(tracks.previous, 0)], 0.0)
     best, covariance = tracks.best_motion
     if not tilts.any():

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.back.rig.body_motion import MotionSeries
+from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
 
 _AHEAD_M, _HALF_M = 7.0, 1.5
@@ -31,8 +32,7 @@ def over_wheels(values: Array, motion: MotionSeries) -> Array:
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
     breaks = np.cumsum(~tracked)
     height, pitch, roll = values.T
-    # the second column of Rx(pitch) Rz(roll): down, as the camera sees it
-    down = np.stack([-np.sin(roll), np.cos(pitch) * np.cos(roll), np.sin(pitch) * np.cos(roll)], axis=1)
+    down = road_rotation(pitch, roll)[:, :, 1]
     normal = np.einsum("nij,nj->ni", R, down)
     offset = np.einsum("ni,ni->n", normal, position) + height
     known = np.asarray(np.isfinite(values).all(axis=1))

@@ -25,7 +25,6 @@ from stereocalib_core.back.odometry.trajectory import (
     Trajectory,
     TrajectorySettings,
     fill_missing,
-    road_rotations,
     trajectory,
 )
 from stereocalib_core.back.rig.vanishing_point import (
@@ -35,6 +34,7 @@ from stereocalib_core.back.rig.vanishing_point import (
     view_pair,
 )
 from stereocalib_core.config import YawConfig
+from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
@@ -179,7 +179,7 @@ def estimate_yaw(
     )
     use = straight & (found[:, 2] >= config.min_tracks)
     origin = np.maximum(tracks.previous, 0)
-    to_road = np.swapaxes(road_rotations(fill_missing(full)), 1, 2)[origin]
+    to_road = np.swapaxes(road_rotation(*fill_missing(full)[:, 1:3].T), 1, 2)[origin]
     direction = np.einsum("nij,nj->ni", to_road, np.column_stack([found[:, :2], np.ones(len(found))]))
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = np.where(use, turn / np.where(use, distance, 1.0), 0.0)
