@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 
 def warm_up() -> None:
     """Compile the renderers into numba's cache."""
@@ -16,16 +13,3 @@ def warm_up() -> None:
     camera = StereoCamera(64, 48, 60.0, 32.0, 20.0, 0.5)
     render_plane(camera, Extrinsics.from_degrees(1.65, 0.8, -0.4), clutter=True)
     Studio(parse_spec("synthetic:plane?lidar=1&width=64&height=48&cx_px=32&cy_px=20&focal_px=40")).frame(0)
-
-
-def synth(
-    out: Path,
-    name: str,
-    options: dict[str, str],
-    faults: list[str],
-    progress: Callable[..., object] | None = None,
-) -> None:
-    """Write a drive in KITTI odometry layout under `out`: see `writer.synth`."""
-    from stereocalib_core.simulator import writer
-
-    writer.synth(out, name, options, faults, progress)

@@ -112,12 +112,12 @@ def synth(arguments: argparse.Namespace) -> str | None:
     from stereocalib_core.files.output_folder import new_output
 
     options = {key: value for key in SYNTH_KEYS if (value := getattr(arguments, key)) is not None}
-    synthetic = importlib.import_module("stereocalib_core.simulator")
+    writer = importlib.import_module("stereocalib_core.run.synth")
     with (
         new_output(arguments.out, ("sequences", "poses"), arguments.overwrite) as out,
         terminal_progress() as bar,
     ):
-        synthetic.synth(out, arguments.name, options, arguments.fault, bar)
+        writer.synth(out, arguments.name, options, arguments.fault, bar)
     print(f"{arguments.out}/sequences/00")
     return None
 

@@ -1,4 +1,4 @@
-"""Does the synthetic drive look real to an algorithm? `python -m stereocalib_core.simulator.realism SOURCE...`
+"""Does the synthetic drive look real to an algorithm? `python -m stereocalib_core.experiments.realism SOURCE...`
 
 For every drive: the share of valid disparities, the share of the free map, corners on the road in a frame, and
 how often the picture's gradient is weak or strong; then the synthetic drive against the mean of the real ones.
@@ -110,7 +110,7 @@ def table(synthetic: Realism, real: Sequence[Realism]) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Print the table of the default drive against the recordings named; the exit code."""
     if not arguments:
-        sys.stderr.write("usage: python -m stereocalib_core.simulator.realism SOURCE...\n")
+        sys.stderr.write("usage: python -m stereocalib_core.experiments.realism SOURCE...\n")
         return 2
     try:
         real = [measure(open_source(spec)) for spec in arguments]
