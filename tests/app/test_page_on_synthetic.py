@@ -233,7 +233,7 @@ def test_an_earlier_run_opens_with_everything(page: Any, hub: Hub) -> None:
 
 
 def test_a_zip_is_uploaded(page: Any, hub: Hub, tmp_path: Path) -> None:
-    from stereocalib_core.simulator import synth
+    from stereocalib_core.run.synth import synth
 
     synth(tmp_path / "drive", "plane", {"frames": "3"}, [], None)
     archive = Path(shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "drive"))

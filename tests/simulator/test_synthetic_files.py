@@ -11,7 +11,7 @@ import pytest
 
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.run.drive import run_drive
-from stereocalib_core.simulator import synth
+from stereocalib_core.run.synth import synth
 from stereocalib_core.simulator.cache import FrameCache, pack, trim, unpack
 from stereocalib_core.simulator.lookahead import Lookahead
 from stereocalib_core.simulator.settings import parse_spec
