@@ -3,38 +3,49 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
+DEV    := $(VENV)/.installed-dev
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check bench bench-batch bench-app format clean
+.PHONY: demo test check docs bench bench-batch bench-app format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(PIP) -e .
 	$(BIN)/python -m stereocalib_core.benches.warmup
+	@touch $@
+
+$(DEV): $(READY)
+	$(PIP) -e '.[dev]'
 	@touch $@
 
 demo: $(READY)  ## the app on the embedded synthetic drive
 	$(BIN)/stereocalib demo $(ARGS)
 
-test: $(READY)  ## every test; browser tests need a Chromium or Chrome on the machine
+test: $(DEV)  ## every test; browser tests need a Chromium or Chrome on the machine
 	$(BIN)/python -m pytest $(ARGS)
 
-check: $(READY)  ## format, lint, types
+check: $(DEV)  ## format, lint, types, arrows between the rooms
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+docs: $(DEV)  ## the documentation as a site in build/site
+	$(PIP) -e '.[docs]'
+	$(BIN)/mkdocs build --quiet
 
 bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same run
 	$(BIN)/python -m stereocalib_core.benches.front_end $(ARGS)
 
-bench-batch: $(READY)  ## twelve short drives: one run after another, one worker, two workers
+bench-batch: $(DEV)  ## twelve short drives: one run after another, one worker, two workers
 	$(BIN)/python -m stereocalib_core.benches.batch $(ARGS)
 
-bench-app: $(READY)  ## how quick the page is, and a class of twenty browsers, on RUN=the output of a run
+bench-app: $(DEV)  ## how quick the page is, and a class of twenty browsers, on RUN=the output of a run
 	$(BIN)/python -m stereocalib_app.benches.page $(RUN)
 	$(BIN)/python -m stereocalib_app.benches.classroom $(RUN)
 
-format: $(READY)
+format: $(DEV)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
