@@ -14,6 +14,7 @@ import contextlib
 import fcntl
 import functools
 import hashlib
+import ipaddress
 import json
 import logging
 import os
@@ -43,11 +44,49 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class BatchSummary:
-    """How many drives there are, how many are done, and why the result must not be trusted, if so."""
+    """How many drives there are, how many are done, why the result must not be trusted, if so, and what to know."""
 
     total: int
     done: int
     warning: str | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scheduler:
+    """A running Dask scheduler, and for `tls://` the files (PEM) that prove to each other who is who."""
+
+    address: str
+    ca: Path | None = None
+    cert: Path | None = None
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        given = [path for path in (self.ca, self.cert, self.key) if path is not None]
+        if self.address.startswith("tls://") != (len(given) == 3) or 0 < len(given) < 3:
+            remedy = "tls://HOST:PORT goes with --tls-ca, --tls-cert and --tls-key"
+            raise ConfigError("certificates and address do not match", self.address, remedy)
+        for path in given:
+            if not path.is_file():
+                raise ConfigError("no such certificate or key", path, "name a PEM file")
+
+    @property
+    def note(self) -> str | None:
+        """What whoever chose this address should know of it."""
+        host = self.address.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+        if not self.address.startswith("tcp://") or host == "localhost" or _is_loopback(host):
+            return None
+        return (
+            f"{self.address} is not encrypted: anyone on the way can read the drives and run code on the workers; "
+            "use tls:// with --tls-ca, --tls-cert and --tls-key"
+        )
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def run_batch(
@@ -55,15 +94,16 @@ def run_batch(
     out: Path,
     *,
     workers: int | None = None,
-    scheduler: str | None = None,
+    scheduler: Scheduler | None = None,
     method: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> BatchSummary:
     """Run every source into `out/<drive>/` and write summary.csv, summary.md and summary.png.
 
-    workers: local processes of one core each, default as many as there are cores. scheduler: address of a
-    running Dask scheduler instead, whose workers see the same paths. Raises StereoCalibError when not one
+    workers: local processes of one core each, default as many as there are cores. scheduler: a running Dask
+    scheduler instead, whose workers see the same paths. A local cluster speaks TLS with certificates of its own, made
+    for this call, so that no other process of the machine can hand it functions. Raises StereoCalibError when not one
     source can be a drive.
     """
     config = settings.from_dict({} if method is None else {"method": method})
@@ -97,10 +137,10 @@ def run_batch(
         raise
     ordered = [outcomes[name] for name in names]
     write_summary(out, ordered)
-    return _summary(ordered)
+    return _summary(ordered, () if scheduler is None or scheduler.note is None else (scheduler.note,))
 
 
-def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
+def _summary(outcomes: list[DriveOutcome], notes: tuple[str, ...]) -> BatchSummary:
     failed = [o for o in outcomes if o.status == "failed"]
     doubtful = [o for o in outcomes if o.report is not None and o.report.get("why_not")]
     parts = []
@@ -111,7 +151,7 @@ def _summary(outcomes: list[DriveOutcome]) -> BatchSummary:
     if doubtful:
         parts.append(f"{len(doubtful)} not to be trusted ({', '.join(o.name for o in doubtful[:5])})")
     warning = f"{'; '.join(parts)}: see summary.md" if parts else None
-    return BatchSummary(len(outcomes), len(outcomes) - len(failed), warning)
+    return BatchSummary(len(outcomes), len(outcomes) - len(failed), warning, notes)
 
 
 def full_spec(spec: str) -> str:
@@ -242,18 +282,14 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterator[Any]:
-    """A client of the scheduler at that address, or of a local cluster that lives as long as the batch."""
+def _cluster(workers: int | None, scheduler: Scheduler | None, drives: int) -> Iterator[Any]:
+    """A client of that scheduler, or of a local cluster that lives as long as the batch."""
     try:
         import distributed
     except ImportError as error:
         raise ConfigError("batch needs Dask", "not installed", "pip install 'stereocalib[batch]'") from error
     if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler, timeout=CONNECT_TIMEOUT_S)
-        except (OSError, ValueError) as error:
-            raise ConfigError("no Dask scheduler", scheduler, "check the address, tcp://HOST:PORT") from error
-        with client:
+        with _remote_client(distributed, scheduler) as client:
             yield client
         return
     cluster = distributed.LocalCluster(
@@ -261,7 +297,9 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # any free port: a busy default one would be complained about
+        protocol="tls://",
+        security=distributed.Security.temporary(),
+        dashboard_address=None,
         silence_logs=logging.CRITICAL,
         env={"NUMBA_NUM_THREADS": "1"},
     )
@@ -278,6 +316,22 @@ def _cluster(workers: int | None, scheduler: str | None, drives: int) -> Iterato
             # the drives are done; what is left ends with this process
             with contextlib.suppress(TimeoutError):
                 part.close(timeout=patience_s)
+
+
+def _remote_client(distributed: Any, scheduler: Scheduler) -> Any:
+    security = None
+    if scheduler.ca is not None:
+        security = distributed.Security(
+            tls_ca_file=str(scheduler.ca),
+            tls_client_cert=str(scheduler.cert),
+            tls_client_key=str(scheduler.key),
+            require_encryption=True,
+        )
+    try:
+        return distributed.Client(scheduler.address, timeout=CONNECT_TIMEOUT_S, security=security)
+    except (OSError, ValueError, TypeError) as error:
+        remedy = "check the address, tcp://HOST:PORT or tls://HOST:PORT, and the certificates"
+        raise ConfigError("no Dask scheduler", scheduler.address, remedy) from error
 
 
 def _kill_workers(cluster: Any) -> None:

@@ -17,8 +17,17 @@ from stereocalib_app.cli.main import main
 
 from stereocalib_core.benches.batch import different_files
 from stereocalib_core.config import PipelineConfig, to_dict
-from stereocalib_core.errors import OutputError, SourceError
-from stereocalib_core.run.batch import SEAL, drive_names, full_spec, run_batch, run_one, sealed_report
+from stereocalib_core.errors import ConfigError, OutputError, SourceError
+from stereocalib_core.run.batch import (
+    SEAL,
+    Scheduler,
+    _cluster,
+    drive_names,
+    full_spec,
+    run_batch,
+    run_one,
+    sealed_report,
+)
 from stereocalib_core.run.batch_summary import DriveOutcome, row_of, write_summary
 from stereocalib_core.run.drive import CHECKPOINT
 
@@ -211,7 +220,7 @@ def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
         processes.append(subprocess.Popen(worker, **quiet))  # type: ignore[call-overload]
         address = json.loads(known.read_text())["address"]
         assert address.startswith("tcp://127.0.0.2:")
-        summary = run_batch(drives, tmp_path / "out", scheduler=address)
+        summary = run_batch(drives, tmp_path / "out", scheduler=Scheduler(address))
     finally:
         for process in reversed(processes):
             process.kill()
@@ -221,6 +230,50 @@ def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
     for name in ("a", "b"):
         csv_file = tmp_path / "out" / name / "extrinsics.csv"
         assert csv_file.read_bytes() == (tmp_path / "alone" / "extrinsics.csv").read_bytes()
+
+
+def test_a_local_cluster_lets_no_other_process_in() -> None:
+    """Without the certificates of this very cluster nobody is heard, with or without TLS of their own."""
+    import distributed
+
+    with _cluster(1, None, 1) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        assert client.submit(int, "7").result(timeout=60) == 7
+        for spec, security in (
+            (address.replace("tls://", "tcp://"), None),
+            (address, distributed.Security.temporary()),
+        ):
+            with pytest.raises((OSError, TypeError)):
+                distributed.Client(spec, security=security, timeout=2)
+
+
+def test_certificates_belong_to_a_tls_address(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("ca.pem", "cert.pem", "key.pem")]
+    for path in files:
+        path.write_text("")
+    assert Scheduler("tls://far:8786", *files).note is None
+    for wrong in (("tls://far:8786",), ("tls://far:8786", *files[:2]), ("tcp://far:8786", *files)):
+        with pytest.raises(ConfigError, match="--tls-ca"):
+            Scheduler(*wrong)  # type: ignore[arg-type]
+    files[2].unlink()
+    with pytest.raises(ConfigError, match="key.pem"):
+        Scheduler("tls://far:8786", *files)
+
+
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        ("tcp://127.0.0.2:8786", False),
+        ("tcp://[::1]:1", False),
+        ("tcp://localhost:1", False),
+        ("tcp://10.0.0.5:8786", True),
+    ],
+)
+def test_an_open_scheduler_on_another_machine_is_warned_of(address: str, warned: bool) -> None:
+    note = Scheduler(address).note
+    assert (note is not None) == warned
+    assert note is None or "not encrypted" in note
 
 
 def _wait_for(path: Path) -> None:

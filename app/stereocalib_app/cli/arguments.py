@@ -202,7 +202,12 @@ def build_parser() -> Parser:
     where.add_argument(
         "--workers", type=_positive, metavar="N", help="local worker processes (default: one per core)"
     )
-    where.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, tcp://HOST:PORT")
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="a running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
+    )
+    for name, what in (("ca", "of the authority"), ("cert", "of this client"), ("key", "of this client")):
+        kind = "private key" if name == "key" else "certificate"
+        batch.add_argument(f"--tls-{name}", type=Path, metavar="PEM", help=f"for tls://: the {kind} {what}")
     batch.add_argument("--method", choices=("direct", "paper"), default=None)
     return parser
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from stereocalib_app.cli.arguments import EXPERIMENTS, SYNTH_KEYS
 from stereocalib_app.cli.progress import terminal_progress
-from stereocalib_core.errors import SourceError
+from stereocalib_core.errors import ConfigError, SourceError
 
 
 def demo(arguments: argparse.Namespace) -> str | None:
@@ -170,18 +171,26 @@ def _need_folder(folder: Path) -> None:
 
 def batch(arguments: argparse.Namespace) -> str | None:
     """Many drives."""
-    from stereocalib_core.run.batch import run_batch
+    from stereocalib_core.run.batch import Scheduler, run_batch
 
+    scheduler = None
+    tls = (arguments.tls_ca, arguments.tls_cert, arguments.tls_key)
+    if arguments.scheduler is not None:
+        scheduler = Scheduler(arguments.scheduler, *tls)
+    elif any(tls):
+        raise ConfigError("certificates without a scheduler", "--tls-...", "add --scheduler tls://HOST:PORT")
     with terminal_progress() as progress:
         summary = run_batch(
             arguments.sources,
             arguments.out,
             workers=arguments.workers,
-            scheduler=arguments.scheduler,
+            scheduler=scheduler,
             method=arguments.method,
             overwrite=arguments.overwrite,
             progress=progress,
         )
+    for note in summary.notes:
+        print(f"stereocalib: note: {note}", file=sys.stderr)
     print(f"{summary.done} of {summary.total} drives done, {arguments.out}/summary.md")
     return summary.warning
 
