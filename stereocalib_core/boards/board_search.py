@@ -12,17 +12,10 @@ from scipy.spatial import cKDTree
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.outline import Outline, fit_outline
 from stereocalib_core.boards.planes import plane_through, ransac_plane, tangent_basis
+from stereocalib_core.config.boards import CLOUD_SEARCH
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
-
-MOST_RAYS = 60_000
-MOST_SEEDS = 6000
-SECTORS = 8
-LEAST_PATCH = 8
-LEAST_SCORE = 0.5
-LEAST_INCIDENCE, EDGE_ON_INCIDENCE = 0.12, 0.06
-MOST_CANDIDATES = 8
 
 
 @dataclass(frozen=True)
@@ -38,44 +31,62 @@ def find_candidates(points: Array, board: BoardSpec, farthest_m: float) -> list[
     """(N, 3) whole cloud [m] to board-like places, best first; none farther than `farthest_m`."""
     rays = thin_rays(points)
     near = rays[np.linalg.norm(rays, axis=1) < farthest_m]
-    near = _one_per_voxel(near, board.short_side_m / 24)
+    near = _one_per_voxel(near, CLOUD_SEARCH.voxel_share * board.short_side_m)
     if len(near) < 10:
         return []
     tree = cKDTree(near)
-    seeds = _one_per_voxel(near, 0.25 * board.short_side_m)
-    if len(seeds) > MOST_SEEDS:
-        seeds = seeds[np.random.default_rng(0).choice(len(seeds), MOST_SEEDS, replace=False)]
-    means, normals, flatness, breadth = _patches(near, tree, seeds, 0.5 * board.short_side_m)
-    wide = breadth > 0.12 * board.short_side_m
+    seeds = _one_per_voxel(near, CLOUD_SEARCH.seed_share * board.short_side_m)
+    if len(seeds) > CLOUD_SEARCH.most_seeds:
+        seeds = seeds[np.random.default_rng(0).choice(len(seeds), CLOUD_SEARCH.most_seeds, replace=False)]
+    means, normals, flatness, breadth = _patches(
+        near, tree, seeds, CLOUD_SEARCH.patch_share * board.short_side_m
+    )
+    wide = breadth > CLOUD_SEARCH.least_breadth_share * board.short_side_m
     if not wide.any():
         return []
     # Floors and walls are everywhere, so the flattest quarter of the patches shows the sensor's own noise.
-    noise_m = float(np.quantile(flatness[wide], 0.25))
-    tolerance = float(np.clip(3.5 * noise_m, 0.03, 0.10))
+    noise_m = float(np.quantile(flatness[wide], CLOUD_SEARCH.noise_quantile))
+    tolerance = float(
+        np.clip(
+            CLOUD_SEARCH.tolerance_sigmas * noise_m,
+            CLOUD_SEARCH.least_tolerance_m,
+            CLOUD_SEARCH.most_tolerance_m,
+        )
+    )
     reach = np.linalg.norm(means, axis=1)
-    facing = np.abs(np.sum(normals * means, axis=1)) > LEAST_INCIDENCE * reach
-    chosen = np.flatnonzero(wide & facing & (flatness < 0.7 * tolerance))
-    coarse = _one_per_voxel(near, board.short_side_m / 12)
+    facing = np.abs(np.sum(normals * means, axis=1)) > CLOUD_SEARCH.least_incidence * reach
+    chosen = np.flatnonzero(wide & facing & (flatness < CLOUD_SEARCH.flat_share * tolerance))
+    coarse = _one_per_voxel(near, CLOUD_SEARCH.coarse_voxel_share * board.short_side_m)
     chosen = chosen[_stands_free(coarse, means[chosen], normals[chosen], board, tolerance)]
     found: list[BoardCandidate] = []
     for plane, center in _settle(near, tree, means[chosen], normals[chosen], board, tolerance):
         outline = fit_outline(rays, plane, center, board, tolerance)
-        if outline.score >= LEAST_SCORE:
+        if outline.score >= CLOUD_SEARCH.least_score:
             found.append(BoardCandidate(plane, outline, tolerance))
     found.sort(key=lambda c: -c.outline.score)
-    return _without_doubles(found, 0.3 * board.short_side_m)[:MOST_CANDIDATES]
+    return _without_doubles(found, CLOUD_SEARCH.apart_share * board.short_side_m)[
+        : CLOUD_SEARCH.most_candidates
+    ]
 
 
 def candidate_of_cropped(points: Array, board: BoardSpec) -> BoardCandidate | None:
     """(N, 3) cloud that holds the board only (and strays) to its place, or None when it is not flat."""
-    rough = ransac_plane(points, 0.05)
-    if rough.sum() < 10:
+    rough = ransac_plane(points, CLOUD_SEARCH.rough_tolerance_m)
+    if rough.sum() < CLOUD_SEARCH.least_cropped_points:
         return None
     plane, _ = plane_through(points[rough])
     noise = mad_sigma(plane.signed_distance(points[rough]))
-    tolerance = float(np.clip(3.5 * noise, 0.02, 0.10))
+    tolerance = float(
+        np.clip(
+            CLOUD_SEARCH.tolerance_sigmas * noise,
+            CLOUD_SEARCH.least_cropped_tolerance_m,
+            CLOUD_SEARCH.most_tolerance_m,
+        )
+    )
     inliers = points[ransac_plane(points, tolerance)]
-    if len(inliers) < 10 or len(inliers) < 0.3 * len(points):
+    if len(inliers) < CLOUD_SEARCH.least_cropped_points or len(
+        inliers
+    ) < CLOUD_SEARCH.least_cropped_share * len(points):
         return None
     plane, mean = plane_through(inliers)
     return BoardCandidate(plane, fit_outline(inliers, plane, mean, board, tolerance), tolerance)
@@ -83,21 +94,31 @@ def candidate_of_cropped(points: Array, board: BoardSpec) -> BoardCandidate | No
 
 def edge_on_board(points: Array, board: BoardSpec) -> bool:
     """Whether a free-standing flat patch lies in a plane through the LiDAR's own origin: a board held edge-on."""
-    near = _one_per_voxel(thin_rays(points), board.short_side_m / 12)
-    seeds = _one_per_voxel(near, 0.25 * board.short_side_m)
-    seeds = seeds[np.random.default_rng(0).permutation(len(seeds))[:MOST_SEEDS]]
-    means, normals, flatness, breadth = _patches(near, cKDTree(near), seeds, 0.5 * board.short_side_m)
+    near = _one_per_voxel(thin_rays(points), CLOUD_SEARCH.coarse_voxel_share * board.short_side_m)
+    seeds = _one_per_voxel(near, CLOUD_SEARCH.seed_share * board.short_side_m)
+    seeds = seeds[np.random.default_rng(0).permutation(len(seeds))[: CLOUD_SEARCH.most_seeds]]
+    means, normals, flatness, breadth = _patches(
+        near, cKDTree(near), seeds, CLOUD_SEARCH.patch_share * board.short_side_m
+    )
     reach = np.linalg.norm(means, axis=1)
-    through = np.abs(np.sum(normals * means, axis=1)) < EDGE_ON_INCIDENCE * reach
-    chosen = through & (breadth > 0.15 * board.short_side_m) & (flatness < 0.05 * board.short_side_m)
-    return bool(_stands_free(near, means[chosen], normals[chosen], board, 0.05).any())
+    through = np.abs(np.sum(normals * means, axis=1)) < CLOUD_SEARCH.edge_on_incidence * reach
+    chosen = (
+        through
+        & (breadth > CLOUD_SEARCH.edge_on_breadth_share * board.short_side_m)
+        & (flatness < CLOUD_SEARCH.edge_on_flat_share * board.short_side_m)
+    )
+    return bool(
+        _stands_free(near, means[chosen], normals[chosen], board, CLOUD_SEARCH.edge_on_tolerance_m).any()
+    )
 
 
 def thin_rays(points: Array) -> Array:
     """At most 60,000 of (N, 3) points, drawn evenly and repeatably."""
-    if len(points) <= MOST_RAYS:
+    if len(points) <= CLOUD_SEARCH.most_rays:
         return points
-    return points[np.sort(np.random.default_rng(0).choice(len(points), MOST_RAYS, replace=False))]
+    return points[
+        np.sort(np.random.default_rng(0).choice(len(points), CLOUD_SEARCH.most_rays, replace=False))
+    ]
 
 
 def _one_per_voxel(points: Array, size_m: float) -> Array:
@@ -129,7 +150,7 @@ def _patches(
             second[:, a, b] = second[:, b, a] = moment - first[:, a] * first[:, b]
     values, vectors = np.linalg.eigh(second)
     rms = np.sqrt(np.maximum(values, 0.0))
-    breadth = np.where(count >= LEAST_PATCH, rms[:, 1], 0.0)
+    breadth = np.where(count >= CLOUD_SEARCH.least_patch, rms[:, 1], 0.0)
     return seeds + first, vectors[:, :, 0], rms[:, 0], breadth
 
 
@@ -137,18 +158,21 @@ def _stands_free(
     points: Array, centers: Array, normals: Array, board: BoardSpec, tolerance_m: float
 ) -> NDArray[np.bool_]:
     """Whether the plane ends beyond the board's half diagonal: most sectors of a ring outside it are empty."""
-    inner = 0.5 * board.diagonal_m + 0.08 * board.short_side_m
-    outer = inner + 0.35 * board.short_side_m
+    inner = 0.5 * board.diagonal_m + CLOUD_SEARCH.ring_inner_share * board.short_side_m
+    outer = inner + CLOUD_SEARCH.ring_width_share * board.short_side_m
     owner, index = _neighbours(cKDTree(points), centers, outer)
     local = points[index] - centers[owner]
     basis = tangent_basis(normals)
     a = np.sum(local * basis[owner, 0], axis=1)
     b = np.sum(local * basis[owner, 1], axis=1)
     ring = (np.hypot(a, b) > inner) & (np.abs(np.sum(local * normals[owner], axis=1)) < tolerance_m)
-    sector = np.floor((np.arctan2(b, a) / (2 * np.pi) + 0.5) * SECTORS).astype(np.int64) % SECTORS
-    filled = np.zeros((len(centers), SECTORS), dtype=bool)
+    sector = (
+        np.floor((np.arctan2(b, a) / (2 * np.pi) + 0.5) * CLOUD_SEARCH.sectors).astype(np.int64)
+        % CLOUD_SEARCH.sectors
+    )
+    filled = np.zeros((len(centers), CLOUD_SEARCH.sectors), dtype=bool)
     filled[owner[ring], sector[ring]] = True
-    return np.asarray(filled.sum(axis=1) <= SECTORS // 2)
+    return np.asarray(filled.sum(axis=1) <= CLOUD_SEARCH.sectors // 2)
 
 
 def _settle(
@@ -157,7 +181,7 @@ def _settle(
     """Move each patch to the middle of its own plane's points, and keep one of each place."""
     places, facings = np.zeros((0, 3)), np.zeros((0, 3))
     settled: list[tuple[Plane, Array]] = []
-    near_m = 0.15 * board.short_side_m
+    near_m = CLOUD_SEARCH.near_share * board.short_side_m
     for center, normal in zip(centers, normals, strict=True):
         if _known(center, normal, places, facings, near_m):
             continue
@@ -165,14 +189,14 @@ def _settle(
         for _ in range(4):
             local = points[tree.query_ball_point(center, 0.5 * board.diagonal_m)]
             on = np.abs((local - center) @ normal) < tolerance_m
-            if on.sum() < LEAST_PATCH:
+            if on.sum() < CLOUD_SEARCH.least_patch:
                 break
             plane, moved = plane_through(local[on])
             shift = float(np.linalg.norm(moved - center))
             normal, center = plane.normal, moved
-            if shift < 0.01 * board.short_side_m:
+            if shift < CLOUD_SEARCH.settled_share * board.short_side_m:
                 break
-        if on.sum() >= LEAST_PATCH and not _known(center, normal, places, facings, near_m):
+        if on.sum() >= CLOUD_SEARCH.least_patch and not _known(center, normal, places, facings, near_m):
             places, facings = np.vstack([places, center]), np.vstack([facings, normal])
             offset = float(normal @ center)
             settled.append((Plane(-normal, -offset) if offset < 0 else Plane(normal, offset), center))
@@ -182,7 +206,7 @@ def _settle(
 def _known(center: Array, normal: Array, places: Array, facings: Array, near_m: float) -> bool:
     gap = places - center
     close = np.sqrt(np.sum(gap * gap, axis=1)) < near_m
-    return bool((close & (np.abs(facings @ normal) > 0.98)).any())
+    return bool((close & (np.abs(facings @ normal) > CLOUD_SEARCH.same_facing)).any())
 
 
 def _without_doubles(candidates: list[BoardCandidate], distance_m: float) -> list[BoardCandidate]:

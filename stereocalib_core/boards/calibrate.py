@@ -13,7 +13,6 @@ from stereocalib_core.boards.calibration import Calibration, HeldOut, PairResult
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.consensus import FORWARD_LEFT_UP, Candidates, agree
 from stereocalib_core.boards.observability import (
-    DEGENERATE,
     EDGE_ON,
     Observability,
     edge_on_words,
@@ -21,7 +20,6 @@ from stereocalib_core.boards.observability import (
     observability,
 )
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
-from stereocalib_core.boards.planes import MIXED_FLOOR
 from stereocalib_core.boards.refine import (
     JointProblem,
     JointState,
@@ -43,12 +41,10 @@ from stereocalib_core.boards.solve import (
     weights_of,
 )
 from stereocalib_core.boards.wrong_pairs import leave_one_out, wrong_pairs
+from stereocalib_core.config.boards import CONSENSUS, OBSERVABILITY, PLANE, REFINE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import invert_transform
 from stereocalib_core.numeric.arrays import Array
-
-MOST_POINTS = 1500
-LEAST_CORNER_SIGMA_PX, LEAST_RANGE_SIGMA_M = 0.02, 0.001
 
 
 def calibrate(
@@ -104,13 +100,13 @@ def estimate_noise(observations: Sequence[PairObservation]) -> Noise:
     for o in observations:
         if o.lidar_plane is not None and len(o.points_lidar):
             rays = o.points_lidar / np.linalg.norm(o.points_lidar, axis=1, keepdims=True)
-            slant = np.maximum(np.abs(rays @ o.lidar_plane.plane.normal), MIXED_FLOOR)
+            slant = np.maximum(np.abs(rays @ o.lidar_plane.plane.normal), PLANE.slant_floor)
             spans.append(
                 float(np.sqrt(np.mean((o.lidar_plane.plane.signed_distance(o.points_lidar) / slant) ** 2)))
             )
     return Noise(
-        max(float(np.median(corner)) if corner else 0.0, LEAST_CORNER_SIGMA_PX),
-        max(float(np.median(spans)) if spans else 0.0, LEAST_RANGE_SIGMA_M),
+        max(float(np.median(corner)) if corner else 0.0, REFINE.least_corner_sigma_px),
+        max(float(np.median(spans)) if spans else 0.0, REFINE.least_range_sigma_m),
     )
 
 
@@ -148,7 +144,7 @@ def _agreeing(
         p.normals_lidar,
         np.ones(len(p)),
     )
-    agreement = agree(candidates, len(p), 0.5 * board.short_side_m)
+    agreement = agree(candidates, len(p), CONSENSUS.solution_share * board.short_side_m)
     assert agreement is not None, "there is at least one candidate"
     T = agreement.T_camera_lidar
     kept = [o for o, chosen in zip(usable, agreement.chosen, strict=True) if chosen >= 0]
@@ -167,9 +163,9 @@ def _wrong_words(
     place = T[:3, :3] @ p.centers_lidar[i] + T[:3, 3]
     near = np.linalg.norm(p.centers_camera - place, axis=1)
     turned = angle_between(p.normals_camera, T[:3, :3] @ p.normals_lidar[i])
-    near = np.where((turned < np.deg2rad(8.0)) & (np.arange(len(near)) != i), near, np.inf)
+    near = np.where((turned < CONSENSUS.fits_turn_rad) & (np.arange(len(near)) != i), near, np.inf)
     other = int(np.argmin(near))
-    hint = f"; it fits the picture of {usable[other].name}" if near[other] < 0.15 else ""
+    hint = f"; it fits the picture of {usable[other].name}" if near[other] < CONSENSUS.fits_near_m else ""
     return (
         f"wrong pair: the cloud has the board {shifted_m:.2f} m and {turned_deg:.0f} deg from where the "
         f"picture shows it{hint}"
@@ -179,7 +175,7 @@ def _wrong_words(
 def _open(pairs: PlanePairs) -> bool:
     """Whether the planes alone leave some direction open."""
     values = np.linalg.svd(np.vstack([pairs.normals_camera, np.zeros((3, 3))]), compute_uv=False)
-    return bool(len(pairs) < 3 or values[2] < DEGENERATE * np.sqrt(len(pairs)))
+    return bool(len(pairs) < 3 or values[2] < OBSERVABILITY.degenerate * np.sqrt(len(pairs)))
 
 
 def _dual_space(pairs: PlanePairs, prior: Array | None) -> Array:
@@ -234,9 +230,9 @@ def joint_problem(
 
 
 def _thinned(points: Array) -> Array:
-    if len(points) <= MOST_POINTS:
+    if len(points) <= REFINE.most_points:
         return points
-    return points[np.sort(np.random.default_rng(0).choice(len(points), MOST_POINTS, replace=False))]
+    return points[np.sort(np.random.default_rng(0).choice(len(points), REFINE.most_points, replace=False))]
 
 
 def _scatter(pairs: PlanePairs, T: Array) -> float:
@@ -326,7 +322,7 @@ def _nothing(
     results = tuple(_refused_result(o, refused.get(o.name, ""), T) for o in observations)
     return Calibration(
         T, np.eye(6), T, T, T, results, verdict, (), HeldOut(nan, nan), nan, nan,
-        Noise(LEAST_CORNER_SIGMA_PX, LEAST_RANGE_SIGMA_M), 1.0, camera,
+        Noise(REFINE.least_corner_sigma_px, REFINE.least_range_sigma_m), 1.0, camera,
     )  # fmt: skip
 
 

@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards import pcd, ply
+from stereocalib_core.config.boards import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
-
-MINIMUM_POINTS = 20
-NEAREST_M, FARTHEST_M = 0.05, 1000.0
-LARGEST_FILE_BYTES = 4 << 30
 
 
 def read_cloud(path: Path) -> Array:
@@ -31,7 +28,7 @@ def read_cloud(path: Path) -> Array:
         raise SourceError("cloud of unknown kind", path, f"use one of {' '.join(sorted(_READERS))}")
     try:
         size = path.stat().st_size
-        if size > LARGEST_FILE_BYTES:
+        if size > CLOUD_FILE.largest_file_bytes:
             raise SourceError("cloud file is too large", path, "give one sweep per file")
         points = reader(path)
     except OSError as error:
@@ -46,8 +43,10 @@ def usable_points(points: NDArray[np.floating], where: object) -> Array:
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     with np.errstate(invalid="ignore", over="ignore"):
         reach = np.sqrt(np.sum(points * points, axis=1))
-        kept = points[np.isfinite(points).all(axis=1) & (reach > NEAREST_M) & (reach < FARTHEST_M)]
-    if len(kept) < MINIMUM_POINTS:
+        kept = points[
+            np.isfinite(points).all(axis=1) & (reach > CLOUD_FILE.nearest_m) & (reach < CLOUD_FILE.farthest_m)
+        ]
+    if len(kept) < CLOUD_FILE.least_points:
         raise SourceError(
             "cloud has no points", where, f"{len(kept)} of {len(points)} are returns; record it again"
         )

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.rotations import nearest_rotation, rigid
+from stereocalib_core.config.boards import CONSENSUS
 from stereocalib_core.numeric.arrays import Array
 
-ANGLE_RAD = np.deg2rad(6.0)
-MOST_PROPOSALS = 4000
-USUAL_BASELINE_M = 3.0
 FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Rotation of a LiDAR with x forward, z up into a camera that looks along it: assumed where nothing else says."""
 
@@ -56,8 +54,15 @@ def agree(candidates: Candidates, pairs: int, tolerance_m: float) -> Agreement |
     support = _support(candidates, proposals, pairs, tolerance_m)[0]
     # Sensors of one rig rarely sit farther apart than this; it only decides between equals.
     reach = np.linalg.norm(proposals[:, :3, 3], axis=1)
-    T = proposals[int(np.argmax(support - 0.2 * np.maximum(0.0, reach / USUAL_BASELINE_M - 1.0)))]
-    for tightening in (1.0, 1.0, 0.7):
+    T = proposals[
+        int(
+            np.argmax(
+                support
+                - CONSENSUS.baseline_penalty * np.maximum(0.0, reach / CONSENSUS.usual_baseline_m - 1.0)
+            )
+        )
+    ]
+    for tightening in CONSENSUS.tightening:
         _, best = _support(candidates, T[None], pairs, tolerance_m * tightening)
         chosen = best[0]
         members = chosen[chosen >= 0]
@@ -80,10 +85,13 @@ def _fitting_couples(c: Candidates, tolerance_m: float) -> tuple[NDArray[np.int6
         fits &= np.abs(along_c - along_l) < tolerance_m
     cosine_c = np.sum(c.normals_camera[i] * c.normals_camera[j], axis=1)
     cosine_l = np.sum(c.normals_lidar[i] * c.normals_lidar[j], axis=1)
-    fits &= np.abs(np.arccos(np.clip(cosine_c, -1, 1)) - np.arccos(np.clip(cosine_l, -1, 1))) < ANGLE_RAD
+    fits &= (
+        np.abs(np.arccos(np.clip(cosine_c, -1, 1)) - np.arccos(np.clip(cosine_l, -1, 1)))
+        < CONSENSUS.most_turn_rad
+    )
     i, j = i[fits], j[fits]
-    if len(i) > MOST_PROPOSALS:
-        keep = np.argsort(-(c.score[i] + c.score[j]), kind="stable")[:MOST_PROPOSALS]
+    if len(i) > CONSENSUS.most_proposals:
+        keep = np.argsort(-(c.score[i] + c.score[j]), kind="stable")[: CONSENSUS.most_proposals]
         i, j = i[keep], j[keep]
     return i, j
 
@@ -116,7 +124,7 @@ def _support(c: Candidates, T: Array, pairs: int, tolerance_m: float) -> tuple[A
     turned = np.einsum("pab,fb->pfa", T[:, :3, :3], c.normals_lidar)
     offset = np.linalg.norm(moved - c.centers_camera, axis=2) / tolerance_m
     cosine = np.sum(turned * c.normals_camera, axis=2)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / ANGLE_RAD
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / CONSENSUS.most_turn_rad
     gain = np.where((offset < 1) & (angle < 1), c.score * (1.5 - 0.5 * offset**2 - 0.5 * angle**2), 0.0)
     value, best = np.zeros((len(T), pairs)), np.full((len(T), pairs), -1, dtype=np.int64)
     for pair in range(pairs):

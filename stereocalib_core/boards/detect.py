@@ -18,8 +18,8 @@ from stereocalib_core.boards.board_search import (
     edge_on_board,
     find_candidates,
 )
-from stereocalib_core.boards.boards import board_pose, find_corners, plane_of_board
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.chessboard import board_pose, find_corners, plane_of_board
 from stereocalib_core.boards.cloud_files import read_cloud
 from stereocalib_core.boards.consensus import Candidates, agree
 from stereocalib_core.boards.extraction import board_at
@@ -28,15 +28,12 @@ from stereocalib_core.boards.intrinsics import estimate_camera
 from stereocalib_core.boards.observability import edge_on_words
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.planes import fit_plane
+from stereocalib_core.config.boards import CHESSBOARD, CLOUD_SEARCH, CONSENSUS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import invert_transform
 from stereocalib_core.numeric.arrays import Array
 
 WORKERS = 2
-FARTHER_THAN_CAMERA_M = 3.0
-WORST_CORNER_RMS_PX = 3.0
-LEAST_LONE_SCORE = 0.8
-MOST_KEPT_POINTS = 400_000
 Progress = Callable[[str, int, int], None]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -114,9 +111,11 @@ def _load(name: str, folder: BoardFolder) -> _Loaded:
         points = read_cloud(cloud)
     except SourceError as error:
         return _Loaded(_refused(observation, f"{error.what}: {error.remedy}"), nothing, size)
-    if len(points) > MOST_KEPT_POINTS:
+    if len(points) > CLOUD_SEARCH.most_kept_points:
         points = points[
-            np.sort(np.random.default_rng(0).choice(len(points), MOST_KEPT_POINTS, replace=False))
+            np.sort(
+                np.random.default_rng(0).choice(len(points), CLOUD_SEARCH.most_kept_points, replace=False)
+            )
         ]
     return _Loaded(_refused(observation, reason) if reason else observation, points, size)
 
@@ -137,7 +136,7 @@ def _pose(each: _Loaded, camera: BoardCamera, board: BoardSpec) -> _Loaded:
     if observation.corners is None:
         return each
     posed = board_pose(camera, observation.corners, board)
-    if posed is None or posed[2] > WORST_CORNER_RMS_PX:
+    if posed is None or posed[2] > CHESSBOARD.worst_rms_px:
         why = (
             "no pose fits the corners"
             if posed is None
@@ -145,7 +144,7 @@ def _pose(each: _Loaded, camera: BoardCamera, board: BoardSpec) -> _Loaded:
         )
         return replace(each, observation=_refused(observation, f"{why}: check camera.yaml and board.yaml"))
     T, covariance, rms = posed
-    plane = plane_of_board(T, covariance * max(rms, 0.05) ** 2)
+    plane = plane_of_board(T, covariance * max(rms, CHESSBOARD.least_rms_px) ** 2)
     return replace(
         each, observation=replace(observation, T_camera_board=T, camera_plane=plane, corner_rms_px=rms)
     )
@@ -158,7 +157,7 @@ def _search(each: _Loaded, folder: BoardFolder) -> list[BoardCandidate]:
     if folder.cropped:
         candidate = candidate_of_cropped(each.points, folder.board)
         return [] if candidate is None else [candidate]
-    farthest = float(np.linalg.norm(observation.camera_plane.center)) + FARTHER_THAN_CAMERA_M
+    farthest = float(np.linalg.norm(observation.camera_plane.center)) + CLOUD_SEARCH.farther_than_camera_m
     return find_candidates(each.points, folder.board, farthest)
 
 
@@ -183,7 +182,7 @@ def _choose(
     """Pick each cloud's board by agreement, then look again where the agreement says it must be."""
     flat = _flatten(posed, found)
     observations = [each.observation for each in posed]
-    agreement = agree(flat, len(posed), 0.35 * board.short_side_m)
+    agreement = agree(flat, len(posed), CONSENSUS.detection_share * board.short_side_m)
     if agreement is None:
         return [_without_board(each, "no board in the cloud", board) for each in posed]
     tolerance = float(np.median([c.tolerance_m for candidates in found for c in candidates]))
@@ -194,7 +193,9 @@ def _choose(
             lambda each, T_now=T_now: _extract(each, T_now, board, tolerance),  # type: ignore[misc]
             posed, "measuring boards in clouds", progress,
         )  # fmt: skip
-        better = agree(_of_observations(observations), len(posed), 0.35 * board.short_side_m)
+        better = agree(
+            _of_observations(observations), len(posed), CONSENSUS.detection_share * board.short_side_m
+        )
         if better is None:
             break
         T = better.T_camera_lidar
@@ -247,14 +248,18 @@ def _lone_candidate(
     pair: int, chosen: int, posed: list[_Loaded], found: list[list[BoardCandidate]], T_camera_lidar: Array
 ) -> BoardCandidate | None:
     """The board of a cloud that does not fit its own picture, when it fits another one: clouds were mixed up."""
-    candidates = [c for c in found[pair] if c.outline.score >= LEAST_LONE_SCORE]
+    candidates = [c for c in found[pair] if c.outline.score >= CLOUD_SEARCH.lone_score]
     if chosen >= 0:
         return found[pair][chosen]
     places = [o.camera_plane for each in posed if (o := each.observation).ok and o.camera_plane is not None]
     for candidate in candidates:
         seen = T_camera_lidar[:3, :3] @ candidate.outline.center + T_camera_lidar[:3, 3]
         turned = T_camera_lidar[:3, :3] @ candidate.plane.normal
-        if any(np.linalg.norm(p.center - seen) < 0.15 and turned @ p.plane.normal > 0.98 for p in places):
+        if any(
+            np.linalg.norm(p.center - seen) < CLOUD_SEARCH.lone_near_m
+            and turned @ p.plane.normal > CLOUD_SEARCH.lone_facing
+            for p in places
+        ):
             return candidate
     return None
 

@@ -8,20 +8,18 @@ from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.boards.outline import fit_outline, meet, rays_inside
 from stereocalib_core.boards.planes import fit_plane, plane_through, ransac_plane
 from stereocalib_core.boards.rotations import angle_between
+from stereocalib_core.config.boards import EXTRACTION
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
-LEAST_POINTS = 12
-LEAST_SCORE = 0.6
-LOOSE_TOLERANCE_M = 0.12
-MOST_TURN_RAD = np.deg2rad(15.0)
-EDGE_M = 0.02
-"""Points nearer to the board's edge than this, and a share of its side, may mix board and background."""
-
 
 def board_at(
-    points: Array, T_lidar_board: Array, board: BoardSpec, tolerance_m: float, turn_rad: float = MOST_TURN_RAD
+    points: Array,
+    T_lidar_board: Array,
+    board: BoardSpec,
+    tolerance_m: float,
+    turn_rad: float = EXTRACTION.most_turn_rad,
 ) -> tuple[Array, PlaneEstimate] | str:
     """The board near an expected pose: (M, 3) points on it and its plane, or the reason why it is not there.
 
@@ -30,11 +28,11 @@ def board_at(
     """
     center, axes = T_lidar_board[:3, 3], T_lidar_board[:3, :2].T
     expected = _facing(T_lidar_board[:3, 2], center)
-    reach = 0.5 * board.diagonal_m + 0.1
-    edge = max(EDGE_M, 0.04 * board.short_side_m)
-    rays = meet(points, expected, center, axes, reach, LOOSE_TOLERANCE_M)
+    reach = 0.5 * board.diagonal_m + EXTRACTION.reach_m
+    edge = max(EXTRACTION.edge_m, EXTRACTION.edge_share * board.short_side_m)
+    rays = meet(points, expected, center, axes, reach, EXTRACTION.loose_tolerance_m)
     near = points[rays.index[rays.on & rays_inside(rays, board, edge)]]
-    if len(near) < LEAST_POINTS:
+    if len(near) < EXTRACTION.least_points:
         return f"only {len(near)} cloud points where the board should be"
     loose = near
     near = near[ransac_plane(near, tolerance_m)]
@@ -49,12 +47,10 @@ def board_at(
     hits = rays.on & inside
     spoilt = (rays.behind & inside).sum() + (rays.on & ~rays_inside(rays, board, -edge)).sum()
     score = hits.sum() / max(hits.sum() + spoilt, 1)
-    if hits.sum() < LEAST_POINTS:
+    if hits.sum() < EXTRACTION.least_points:
         return f"only {hits.sum()} cloud points on the board"
-    if score < LEAST_SCORE:
-        return (
-            f"no free-standing board where it should be (outline score {score:.2f} of at least {LEAST_SCORE})"
-        )
+    if score < (least := EXTRACTION.least_score):
+        return f"no free-standing board where it should be (outline score {score:.2f} of at least {least})"
     chosen = points[rays.index[hits]]
     outline = fit_outline(points, plane, middle, board, tolerance_m)
     return chosen, fit_plane(chosen, center=outline.center)
@@ -67,8 +63,14 @@ def _own_tolerance(points: Array, plane: Plane, tolerance_m: float) -> float:
     for _ in range(4):
         inside = distance[distance < limit]
         sigma = SIGMA_PER_MAD * float(np.median(inside)) if len(inside) else 0.0
-        limit = float(np.clip(3.0 * sigma, 0.5 * tolerance_m, 1.3 * limit))
-    return min(limit, 2.5 * tolerance_m, LOOSE_TOLERANCE_M)
+        limit = float(
+            np.clip(
+                EXTRACTION.own_sigmas * sigma,
+                EXTRACTION.least_own_share * tolerance_m,
+                EXTRACTION.growth * limit,
+            )
+        )
+    return min(limit, EXTRACTION.most_own_share * tolerance_m, EXTRACTION.loose_tolerance_m)
 
 
 def _facing(normal: Array, center: Array) -> Plane:

@@ -7,12 +7,10 @@ import numpy as np
 
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec
+from stereocalib_core.config.boards import INTRINSICS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 
-LEAST_PICTURES = 3
-PICTURES_FOR_K3 = 10
-GOOD_RMS_PX = 0.6
 # cv2.fisheye's named flags differ between OpenCV versions, their values do not.
 FISHEYE_RECOMPUTE_EXTRINSIC, FISHEYE_FIX_SKEW = 2, 8
 
@@ -25,19 +23,19 @@ def estimate_camera(
     A pinhole with k1 k2 p1 p2 first; where that cannot follow the lens, k3 and the fisheye are tried and
     the closest one is kept. `size` is (width, height) [px].
     """
-    if len(corners) < LEAST_PICTURES:
+    if len(corners) < INTRINSICS.least_pictures:
         raise SourceError(
             "too few boards to estimate the camera", f"{len(corners)} pictures show one",
-            f"give K and D in camera.yaml or at least {LEAST_PICTURES} pictures",
+            f"give K and D in camera.yaml or at least {INTRINSICS.least_pictures} pictures",
         )  # fmt: skip
     attempts = [_pinhole(corners, size, board, cv2.CALIB_FIX_K3)]
-    if attempts[0][1] > GOOD_RMS_PX and len(corners) >= PICTURES_FOR_K3:
+    if attempts[0][1] > INTRINSICS.good_rms_px and len(corners) >= INTRINSICS.pictures_for_lens:
         attempts.append(_pinhole(corners, size, board, 0))
         fisheye = _fisheye(corners, size, board)
         if fisheye is not None:
             attempts.append(fisheye)
     camera, rms = min(attempts, key=lambda a: a[1])
-    if not np.isfinite(rms) or rms > 5.0:
+    if not np.isfinite(rms) or rms > INTRINSICS.worst_rms_px:
         raise SourceError(
             "camera cannot be estimated", f"reprojection {rms:.1f} px", "give K and D in camera.yaml"
         )

@@ -12,14 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from stereocalib_core.config.boards import OBSERVABILITY
 from stereocalib_core.numeric.arrays import Array
 
-DEGENERATE, WEAK = 0.05, 0.12
-LOST_SIGMA_M, LOST_SIGMA_RAD = 0.25, np.deg2rad(5.0)
-POOR_SIGMA_M, POOR_SIGMA_RAD = 0.03, np.deg2rad(1.0)
-LEAST_INCIDENCE = 0.05
-"""A plane seen under less than 3 degrees passes, for all that can be measured, through the sensor's origin."""
-ADDED_TILT_RAD = np.deg2rad(40.0)
 EDGE_ON = "edge-on"
 AXES = ("x (right)", "y (down)", "z (forward)")
 
@@ -45,7 +40,7 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
     count = len(normals_camera)
     stacked = np.vstack([normals_camera, np.zeros((3, 3))])
     _, values, directions = np.linalg.svd(stacked / np.sqrt(max(count, 1)))
-    through = _edge_on_words(edge_on) if count < 3 or values[2] < DEGENERATE else ""
+    through = _edge_on_words(edge_on) if count < 3 or values[2] < OBSERVABILITY.degenerate else ""
     if count == 0:
         return Observability(
             values,
@@ -56,7 +51,7 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
     mean = normals_camera.mean(axis=0)
     missing = directions[2] * (1.0 if directions[2][np.argmax(np.abs(directions[2]))] > 0 else -1.0)
     advice = _advice(directions[0] * np.sign(directions[0] @ mean or 1.0), missing)
-    if count < 2 or values[1] < DEGENERATE:
+    if count < 2 or values[1] < OBSERVABILITY.degenerate:
         spread = np.rad2deg(values[1])
         why = (
             f"all {count} boards are parallel within {spread:.1f} deg: the turn about their normal, "
@@ -64,7 +59,7 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
             f"{name_direction(missing)}, cannot be observed"
         )
         return Observability(values, "degenerate", f"{why}; {advice}. {through}".strip(), missing)
-    if count < 3 or values[2] < DEGENERATE:
+    if count < 3 or values[2] < OBSERVABILITY.degenerate:
         why = (
             f"the normals of the {count} boards lie in one plane: the shift along {name_direction(missing)} "
             "cannot be observed"
@@ -77,11 +72,11 @@ def _by_sigma(values: Array, covariance: Array, missing: Array, advice: str, cou
     turn, turn_axis = _worst(covariance[:3, :3])
     shift, shift_axis = _worst(covariance[3:, 3:])
     numbers = f"sigma {1000 * shift:.1f} mm along {name_direction(shift_axis)}, {np.rad2deg(turn):.2f} deg"
-    if shift > LOST_SIGMA_M or turn > LOST_SIGMA_RAD:
+    if shift > OBSERVABILITY.lost_m or turn > OBSERVABILITY.lost_rad:
         return Observability(
             values, "degenerate", f"too uncertain to be used: {numbers}; {advice}.", shift_axis
         )
-    if shift > POOR_SIGMA_M or turn > POOR_SIGMA_RAD or values[2] < WEAK:
+    if shift > OBSERVABILITY.poor_m or turn > OBSERVABILITY.poor_rad or values[2] < OBSERVABILITY.weak:
         return Observability(
             values, "weak", f"{name_direction(missing)} is hardly seen: {numbers}; {advice}.", missing
         )
@@ -100,7 +95,7 @@ def _worst(covariance: Array) -> tuple[float, Array]:
 def name_direction(direction: Array) -> str:
     """A unit vector in the camera frame in words: the axis when it is close to one, else its numbers too."""
     axis = int(np.argmax(np.abs(direction)))
-    if abs(direction[axis]) > 0.95:
+    if abs(direction[axis]) > OBSERVABILITY.named_axis:
         return f"camera {AXES[axis]}"
     x, y, z = direction * np.sign(direction[axis])
     return f"camera ({x:.2f}, {y:.2f}, {z:.2f}), nearest {AXES[axis]}"
@@ -108,10 +103,13 @@ def name_direction(direction: Array) -> str:
 
 def _advice(usual: Array, missing: Array) -> str:
     """The board to add: the usual one, tilted so that its normal gains a good part of the missing direction."""
-    normal = np.cos(ADDED_TILT_RAD) * usual + np.sin(ADDED_TILT_RAD) * missing
-    if normal[2] < 0.3:
+    normal = np.cos(OBSERVABILITY.added_tilt_rad) * usual + np.sin(OBSERVABILITY.added_tilt_rad) * missing
+    if normal[2] < OBSERVABILITY.least_facing:
         # A board must face the camera: tilt the straight view instead, when the usual one turns it away.
-        normal = np.cos(ADDED_TILT_RAD) * np.array([0.0, 0.0, 1.0]) + np.sin(ADDED_TILT_RAD) * missing
+        normal = (
+            np.cos(OBSERVABILITY.added_tilt_rad) * np.array([0.0, 0.0, 1.0])
+            + np.sin(OBSERVABILITY.added_tilt_rad) * missing
+        )
         normal = normal / np.linalg.norm(normal)
     axis = np.cross(usual, missing)
     how = (
@@ -119,7 +117,7 @@ def _advice(usual: Array, missing: Array) -> str:
     )
     if abs(axis[2]) > max(abs(axis[0]), abs(axis[1])):
         how = "so that it faces past the camera"
-    degrees = np.rad2deg(ADDED_TILT_RAD)
+    degrees = np.rad2deg(OBSERVABILITY.added_tilt_rad)
     n = ", ".join(f"{v:.2f}" for v in normal)
     return f"add a board turned {degrees:.0f} deg {how} against the others (normal near ({n}) in the camera frame)"
 
@@ -136,7 +134,7 @@ def _edge_on_words(names: tuple[str, ...]) -> str:
 
 def is_edge_on(incidence: float) -> bool:
     """Whether a board seen under this cosine passes through the sensor's origin as far as can be told."""
-    return not incidence >= LEAST_INCIDENCE
+    return not incidence >= OBSERVABILITY.least_incidence
 
 
 def edge_on_words(sensor: str) -> str:

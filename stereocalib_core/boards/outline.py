@@ -16,14 +16,9 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.planes import tangent_basis
+from stereocalib_core.config.boards import OUTLINE
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
-
-RIM_M = 0.20
-EDGE_SHARE = 0.025
-COARSE_RAYS, FINE_RAYS = 160, 1000
-HOPELESS = 0.4
-LEAST_VISIBLE, LEAST_EXTENT = 0.7, 0.6
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,7 @@ def meet(
     near = np.flatnonzero(cosine > np.cos(np.arctan2(reach_m, max(far - reach_m, 0.1))))
     rays = points[near] / distance[near, None]
     slant = rays @ plane.normal
-    ok = slant > 0.03
+    ok = slant > OUTLINE.least_slant
     near, rays, slant = near[ok], rays[ok], slant[ok]
     places = (rays * (plane.offset_m / slant)[:, None] - origin) @ axes.T
     gap = (distance[near] - plane.offset_m / slant) * slant
@@ -75,24 +70,26 @@ def meet(
 def fit_outline(points: Array, plane: Plane, start: Array, board: BoardSpec, tolerance_m: float) -> Outline:
     """The best place of the board's rectangle on a plane near `start` (3,), by a coarse and a fine search."""
     basis = tangent_basis(plane.normal)
-    reach = 0.5 * board.diagonal_m + RIM_M
-    rays = meet(points, plane, start, basis, reach + 0.15 * board.short_side_m, tolerance_m)
+    reach = 0.5 * board.diagonal_m + OUTLINE.rim_m
+    rays = meet(points, plane, start, basis, reach + OUTLINE.search_share * board.short_side_m, tolerance_m)
     counts = np.flatnonzero(rays.on | rays.behind)
     order = np.random.default_rng(0).permutation(counts)
-    square = abs(board.width_m - board.height_m) < 0.02 * board.short_side_m
+    square = abs(board.width_m - board.height_m) < OUTLINE.square_share * board.short_side_m
     turn = np.pi / 2 if square else np.pi
-    steps = 9 if square else 18
+    steps = OUTLINE.steps_per_quarter * (1 if square else 2)
     angles: Array = np.arange(float(steps)) * turn / steps
-    shifts: Array = np.arange(-2.0, 3.0) * 0.09 * board.short_side_m
+    shifts: Array = np.arange(-2.0, 3.0) * OUTLINE.shift_share * board.short_side_m
     center, angle, score = np.zeros(2), 0.0, -1.0
-    for spread, most in ((1.0, COARSE_RAYS), (0.35, FINE_RAYS), (0.12, FINE_RAYS)):
+    for spread, most in zip(
+        OUTLINE.rounds, (OUTLINE.coarse_rays, OUTLINE.fine_rays, OUTLINE.fine_rays), strict=True
+    ):
         used = order[:most]
-        if 0.0 <= score < HOPELESS:
+        if 0.0 <= score < OUTLINE.hopeless:
             break
         center, angle, score = _search(
             rays.places[used], rays.on[used], board, center, angle + angles, shifts * spread
         )
-        angles = np.linspace(-1, 1, 7) * turn / steps * spread
+        angles = np.linspace(-1, 1, OUTLINE.turns) * turn / steps * spread
     score *= _shown(rays, board, center, angle)
     c, s = np.cos(angle), np.sin(angle)
     return Outline(start + center @ basis, np.array([[c, s], [-s, c]]) @ basis, score)
@@ -105,11 +102,19 @@ def _shown(rays: RaysOnPlane, board: BoardSpec, center: Array, angle: float) -> 
     half = np.array([board.width_m, board.height_m]) / 2
     inside = (np.abs(places) < half).all(axis=1)
     on = inside & rays.on
-    if on.sum() < 6:
+    if on.sum() < OUTLINE.least_hits:
         return 0.0
-    extent = float((np.ptp(np.quantile(places[on], (0.02, 0.98), axis=0), axis=0) / (2 * half)).min())
+    extent = float(
+        (
+            np.ptp(
+                np.quantile(places[on], (OUTLINE.extent_quantile, 1 - OUTLINE.extent_quantile), axis=0),
+                axis=0,
+            )
+            / (2 * half)
+        ).min()
+    )
     visible = float(on.sum() / (inside & ~rays.behind).sum())
-    return min(1.0, extent / LEAST_EXTENT) * min(1.0, visible / LEAST_VISIBLE)
+    return min(1.0, extent / OUTLINE.least_extent) * min(1.0, visible / OUTLINE.least_visible)
 
 
 def _search(
@@ -119,10 +124,10 @@ def _search(
     half = np.array([board.width_m, board.height_m]) / 2
     sy, sx = np.meshgrid(shifts, shifts, indexing="ij")
     offsets = np.stack([sx.ravel(), sy.ravel()], axis=1)
-    scores = overlaps(places - center, on, half, EDGE_SHARE * board.short_side_m, angles, offsets)
+    scores = overlaps(places - center, on, half, OUTLINE.edge_share * board.short_side_m, angles, offsets)
     angle = int(np.argmax(scores.max(axis=1)))
     top = float(scores[angle].max())
-    middle = offsets[scores[angle] >= top - 0.004].mean(axis=0)
+    middle = offsets[scores[angle] >= top - OUTLINE.equal_score].mean(axis=0)
     c, s = np.cos(angles[angle]), np.sin(angles[angle])
     return center + np.array([[c, -s], [s, c]]) @ middle, float(angles[angle]), top
 

@@ -9,11 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config.boards import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 
-LONGEST_HEADER_BYTES = 64 * 1024
-LARGEST_UNPACKED_BYTES = 1 << 31
 TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "UI" for size in (1, 2, 4, 8)
 }
@@ -52,7 +51,7 @@ def _parse_header(raw: bytes, path: Path) -> Header:
     words: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in words:
-        end = raw.find(b"\n", start, LONGEST_HEADER_BYTES)
+        end = raw.find(b"\n", start, CLOUD_FILE.longest_header_bytes)
         if end < 0:
             raise SourceError("cloud has no PCD header", path, "the file is cut off or of another kind")
         line = raw[start:end].decode("ascii", errors="replace").split("#")[0].split()
@@ -111,7 +110,7 @@ def _read_compressed(body: bytes, header: Header, path: Path) -> Array:
     if len(body) < 8:
         raise _cut_off(path, 0, header.points)
     packed_size, size = (int(n) for n in np.frombuffer(body[:8], dtype="<u4"))
-    if size != header.points * header.stride or size > LARGEST_UNPACKED_BYTES:
+    if size != header.points * header.stride or size > CLOUD_FILE.largest_unpacked_bytes:
         raise SourceError("PCD header contradicts its data", path, f"{size} bytes for {header.points} points")
     if len(body) < 8 + packed_size:
         raise _cut_off(path, 0, header.points)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PairObservation
+from stereocalib_core.config.boards import BOARD_PICTURE
 from stereocalib_core.numeric.arrays import Array
 
 if TYPE_CHECKING:  # matplotlib takes most of a second to import, and only the figures need it
@@ -18,8 +19,6 @@ if TYPE_CHECKING:  # matplotlib takes most of a second to import, and only the f
     from matplotlib.figure import Figure
 
 Picture = NDArray[np.uint8]
-PANEL_WIDTH_PX = 960
-NEAR_M, FAR_M = 1.0, 12.0
 GREEN, WHITE, RED = (80, 220, 80), (255, 255, 255), (60, 60, 255)
 
 
@@ -58,7 +57,7 @@ def overlay(
     points_lidar: Array,
     T_camera_lidar: Array,
     camera: BoardCamera,
-    width_px: int = PANEL_WIDTH_PX,
+    width_px: int = BOARD_PICTURE.panel_width_px,
     dot_px: int = 2,
 ) -> Picture:
     """Cloud over picture: (H, W) grey and (N, 3) points to (h, width_px, 3) BGR, coloured by distance.
@@ -73,7 +72,9 @@ def overlay(
     if not inside.any():
         return np.asarray(canvas, dtype=np.uint8)
     distance = np.linalg.norm(points[inside], axis=1)
-    share = np.log(np.clip(distance, NEAR_M, FAR_M) / NEAR_M) / np.log(FAR_M / NEAR_M)
+    share = np.log(
+        np.clip(distance, BOARD_PICTURE.near_m, BOARD_PICTURE.far_m) / BOARD_PICTURE.near_m
+    ) / np.log(BOARD_PICTURE.far_m / BOARD_PICTURE.near_m)
     colours = cv2.applyColorMap((255 * (1 - share)).astype(np.uint8).reshape(-1, 1), cv2.COLORMAP_TURBO)[:, 0]
     at = np.round((pixels[inside] + 0.5) * scale - 0.5).astype(int)
     far_first = np.argsort(-distance, kind="stable")

@@ -9,14 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.boards.observation import PlaneEstimate
+from stereocalib_core.config.boards import PLANE
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
-
-MINIMUM_POINTS = 10
-RANGE_SIGMA_FLOOR_M = 1e-4
-MIXED_FLOOR = 0.02
-"""Least |n . u| in a weight: a ray that grazes the plane would otherwise count without limit."""
 
 
 def tangent_basis(normal: Array) -> Array:
@@ -51,10 +47,10 @@ def fit_plane(
     plane, _ = plane_through(points)
     H = np.zeros((3, 3))
     for _ in range(12):
-        slant = np.maximum(rays @ plane.normal, MIXED_FLOOR)
+        slant = np.maximum(rays @ plane.normal, PLANE.slant_floor)
         miss = reach - plane.offset_m / slant
-        spread = range_sigma_m or max(mad_sigma(miss), RANGE_SIGMA_FLOOR_M)
-        weights = np.minimum(1.0, 2.5 * spread / np.maximum(np.abs(miss), 1e-12))
+        spread = range_sigma_m or max(mad_sigma(miss), PLANE.range_sigma_floor_m)
+        weights = np.minimum(1.0, PLANE.huber * spread / np.maximum(np.abs(miss), 1e-12))
         # Derivatives at the point where the ray meets the plane, not at the noisy one: that would bias them.
         met = rays * (plane.offset_m / slant)[:, None]
         mean = (weights / slant**2) @ met / np.sum(weights / slant**2)
@@ -68,7 +64,7 @@ def fit_plane(
     sigma = range_sigma_m
     if sigma is None:
         freedom = max(float(weights.sum()) - 3.0, 1.0)
-        sigma = max(float(np.sqrt(np.sum(weights * miss**2) / freedom)), RANGE_SIGMA_FLOOR_M)
+        sigma = max(float(np.sqrt(np.sum(weights * miss**2) / freedom)), PLANE.range_sigma_floor_m)
     covariance = _plane_covariance(H / sigma**2, plane, mean)
     at = points.mean(axis=0) if center is None else center
     on_plane = at - plane.normal * float(plane.signed_distance(at))
@@ -96,10 +92,16 @@ def _plane_covariance(information: Array, plane: Plane, mean: Array) -> Array:
     return to_plane @ local @ to_plane.T
 
 
-def ransac_plane(points: Array, tolerance_m: float, seed: int = 0, trials: int = 200) -> Array:
+def ransac_plane(
+    points: Array, tolerance_m: float, seed: int = 0, trials: int = PLANE.ransac_trials
+) -> Array:
     """(N, 3) points to the (N,) bool inliers of the plane with most of them; seeded, all trials at once."""
     rng = np.random.default_rng(seed)
-    few = points if len(points) <= 1500 else points[rng.choice(len(points), 1500, replace=False)]
+    few = (
+        points
+        if len(points) <= PLANE.ransac_points
+        else points[rng.choice(len(points), PLANE.ransac_points, replace=False)]
+    )
     corners = few[rng.integers(0, len(few), (trials, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from stereocalib_core.config.boards import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 
-LONGEST_HEADER_BYTES = 64 * 1024
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
@@ -21,7 +21,7 @@ ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 def read(path: Path) -> Array:
     """A PLY file to (N, 3) raw points [m]; vertices must be its first element."""
     raw = path.read_bytes()
-    end = raw.find(b"end_header", 0, LONGEST_HEADER_BYTES)
+    end = raw.find(b"end_header", 0, CLOUD_FILE.longest_header_bytes)
     if not raw.startswith(b"ply") or end < 0:
         raise SourceError("cloud has no PLY header", path, "the file is cut off or of another kind")
     body = raw[raw.index(b"\n", end) + 1 :] if b"\n" in raw[end : end + 16] else b""

@@ -14,16 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.camera import BoardCamera
-from stereocalib_core.boards.planes import MIXED_FLOOR
 from stereocalib_core.boards.rotations import apply_twist, skew
 from stereocalib_core.boards.solve import covariance_of, pseudo_inverse
+from stereocalib_core.config.boards import PLANE, REFINE
 from stereocalib_core.numeric.arrays import Array
-
-HUBER = 2.5
-MOST_ITERATIONS = 40
-ROUNDING = 1e-9
-SETTLED = 1e-8
-"""Relative gain below which the iteration ends."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +91,13 @@ def refine(
     state, damping = start, 1e-6
     cost, rms = _cost(problem, state)
     history = [Iteration(cost, rms)]
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(REFINE.most_iterations):
         system = _linearise(problem, state, with_intrinsics)
         moved, moved_cost, moved_rms = state, cost, rms
         for _ in range(12):
             candidate = _step(system, state, damping, fixed)
             candidate_cost, candidate_rms = _cost(problem, candidate)
-            if np.isfinite(candidate_cost) and candidate_cost <= cost * (1.0 + ROUNDING):
+            if np.isfinite(candidate_cost) and candidate_cost <= cost * (1.0 + REFINE.rounding):
                 moved, moved_cost, moved_rms = candidate, candidate_cost, candidate_rms
                 damping = max(damping / 10, 1e-15)
                 break
@@ -112,7 +106,7 @@ def refine(
             break
         gain, cost, rms, state = cost - moved_cost, moved_cost, moved_rms, moved
         history.append(Iteration(cost, rms))
-        if gain <= SETTLED * cost:
+        if gain <= REFINE.settled * cost:
             break
     system = _linearise(problem, state, with_intrinsics)
     reduced = system.H_gg - np.einsum("mgb,mbc,mhc->gh", system.H_gb, np.linalg.inv(system.H_bb), system.H_gb)
@@ -134,7 +128,7 @@ def plane_errors(problem: JointProblem, state: JointState) -> tuple[Array, Array
     origins = np.repeat(state.T_camera_boards[:, :3, 3], problem.counts, axis=0)
     distance = np.sum(normals * (rotated + t - origins), axis=1)
     slant = np.abs(np.sum(normals * rotated, axis=1)) / np.linalg.norm(problem.points, axis=1)
-    return distance, np.maximum(slant, MIXED_FLOOR)
+    return distance, np.maximum(slant, PLANE.slant_floor)
 
 
 def _on_boards(problem: JointProblem, state: JointState) -> Array:
@@ -153,11 +147,13 @@ def _cost(problem: JointProblem, state: JointState) -> tuple[float, float]:
 
 def _huber(residual: Array) -> float:
     size = np.abs(residual)
-    return float(np.sum(np.where(size <= HUBER, 0.5 * size**2, HUBER * size - 0.5 * HUBER**2)))
+    return float(
+        np.sum(np.where(size <= REFINE.huber, 0.5 * size**2, REFINE.huber * size - 0.5 * REFINE.huber**2))
+    )
 
 
 def _huber_weight(residual: Array) -> Array:
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(residual), 1e-300))
+    return np.minimum(1.0, REFINE.huber / np.maximum(np.abs(residual), 1e-300))
 
 
 def _linearise(problem: JointProblem, state: JointState, with_intrinsics: bool) -> _System:

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.observation import PlaneEstimate
 from stereocalib_core.boards.planes import tangent_basis
 from stereocalib_core.boards.rotations import apply_twist, nearest_rotation, skew
+from stereocalib_core.config.boards import SOLVE
 from stereocalib_core.geometry import transform
 from stereocalib_core.numeric.arrays import Array
-
-PRIOR_SHARE = 0.05
-"""Normals that spread less than this say nothing beyond noise; there a prior speaks."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +71,14 @@ def dual_space(
     """
     M = normals_camera.T @ normals_lidar
     if prior is not None:
-        M = M + PRIOR_SHARE * len(normals_camera) * prior[:3, :3]
+        M = M + SOLVE.prior_share * len(normals_camera) * prior[:3, :3]
     R = nearest_rotation(M)
     start = np.zeros(3) if prior is None else prior[:3, 3]
     A = normals_lidar @ R.T
     t = (
         start
         + np.linalg.lstsq(
-            A, offsets_camera - offsets_lidar - A @ start, rcond=1e-6 if prior is None else PRIOR_SHARE
+            A, offsets_camera - offsets_lidar - A @ start, rcond=1e-6 if prior is None else SOLVE.prior_share
         )[0]
     )
     return transform(R, t)

@@ -15,14 +15,8 @@ from stereocalib_core.boards.solve import (
     weighted,
     weights_of,
 )
+from stereocalib_core.config.boards import WRONG_PAIR
 from stereocalib_core.numeric.arrays import Array
-
-LEAST_TO_JUDGE = 4
-OUTLIER = 5.0
-HARMLESS_RAD, HARMLESS_M = np.deg2rad(1.2), 0.02
-"""A pair that misses the others by less than this is kept, however sure its covariance is of itself."""
-FARTHEST_ASIDE = 0.45
-"""Of the board's short side: farther apart, the two centres cannot be of the same board."""
 
 
 def leave_one_out(pairs: PlanePairs, T_camera_lidar: Array) -> tuple[Array, Array]:
@@ -48,7 +42,7 @@ def wrong_pairs(pairs: PlanePairs, T_camera_lidar: Array, short_side_m: float) -
     T = T_camera_lidar
     while True:
         index = np.array([i for i in range(len(pairs)) if i not in wrong])
-        if len(index) < LEAST_TO_JUDGE:
+        if len(index) < WRONG_PAIR.least_to_judge:
             return wrong
         rest = pairs.select(index)
         T, _ = weighted(rest, T)
@@ -56,14 +50,16 @@ def wrong_pairs(pairs: PlanePairs, T_camera_lidar: Array, short_side_m: float) -
         z, J = mismatch(rest, others)
         expected = mismatch_covariance(rest, T) + J @ covariance @ np.swapaxes(J, 1, 2)
         surprise = np.sqrt(np.einsum("ma,mab,mb->m", z, weights_of(expected), z) / 3.0)
-        surprise = surprise / max(float(np.median(surprise)) / 0.89, 1.0)
+        surprise = surprise / max(float(np.median(surprise)) / WRONG_PAIR.median_surprise, 1.0)
         angle, offset = np.linalg.norm(z[:, :2], axis=1), np.abs(z[:, 2])
         aside = in_plane_offset(rest, T)
-        bad = (surprise > OUTLIER) & ((angle > HARMLESS_RAD) | (offset > HARMLESS_M))
-        bad |= aside > FARTHEST_ASIDE * short_side_m
+        bad = (surprise > WRONG_PAIR.outlier) & (
+            (angle > WRONG_PAIR.harmless_rad) | (offset > WRONG_PAIR.harmless_m)
+        )
+        bad |= aside > WRONG_PAIR.farthest_aside * short_side_m
         if not bad.any():
             return wrong
-        rank = np.where(bad, surprise + 10.0 * aside / short_side_m, -1.0)
+        rank = np.where(bad, surprise + WRONG_PAIR.aside_weight * aside / short_side_m, -1.0)
         worst = int(np.argmax(rank))
         wrong[int(index[worst])] = (
             f"wrong pair: the other pairs put its board {100 * offset[worst]:.1f} cm and "

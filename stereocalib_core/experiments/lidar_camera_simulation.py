@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereocalib_core.boards.boards import board_pose, plane_of_board
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.chessboard import board_pose, plane_of_board
 from stereocalib_core.boards.observation import BoardSpec, PairObservation
 from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.boards.rotations import rotation_from_roll_pitch_yaw, rotation_from_vector

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from lidar_scenes import render
 
-from stereocalib_core.boards.boards import board_pose, find_corners, order_corners, plane_of_board
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.chessboard import board_pose, find_corners, order_corners, plane_of_board
 from stereocalib_core.boards.intrinsics import estimate_camera
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.rotations import rotation_from_vector

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.boards import BoardCamera, BoardSpec, PairObservation, calibrate
-from stereocalib_core.boards.boards import plane_of_board
+from stereocalib_core.boards.chessboard import plane_of_board
 from stereocalib_core.boards.pictures import overlay
 from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.boards.rotations import rotation_from_vector

@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.boards.rotations import apply_twist, skew
+from stereocalib_core.config.boards import CHESSBOARD
 from stereocalib_core.geometry import Plane, transform
 from stereocalib_core.numeric.arrays import Array
-
-CLEARLY_WORSE = 4.0
-SEARCH_WIDTH_PX = 1100
-"""Pictures are searched at about this width first: ten times quicker, and less misled by blur."""
 
 
 def find_corners(picture: NDArray[np.uint8], board: BoardSpec) -> Array | None:
@@ -24,7 +21,7 @@ def find_corners(picture: NDArray[np.uint8], board: BoardSpec) -> Array | None:
     size. Corners are refined at full size whatever found them.
     """
     size = (board.columns, board.rows)
-    factor = max(1, round(picture.shape[1] / SEARCH_WIDTH_PX))
+    factor = max(1, round(picture.shape[1] / CHESSBOARD.search_width_px))
     scales = (factor, 1) if factor > 1 else (1,)
     for scale in scales:
         small = picture if scale == 1 else _shrink(picture, scale)
@@ -67,12 +64,16 @@ def _classic(picture: NDArray[np.uint8], size: tuple[int, int], thorough: bool) 
 def _refine(picture: NDArray[np.uint8], corners: Array, size: tuple[int, int]) -> Array | None:
     """Sub-pixel corners; the window stays inside the neighbouring squares. None when they run away."""
     spacing = _spacing_px(corners, size)
-    half = int(np.clip(0.35 * spacing, 2, 11))
+    half = int(
+        np.clip(CHESSBOARD.window_share * spacing, CHESSBOARD.least_window_px, CHESSBOARD.most_window_px)
+    )
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     refined = cv2.cornerSubPix(picture, start.copy(), (half, half), (-1, -1), criteria).reshape(-1, 2)
     moved = np.linalg.norm(refined - corners, axis=1)
-    return np.asarray(refined, dtype=np.float64) if moved.max() < 0.5 * spacing else None
+    return (
+        np.asarray(refined, dtype=np.float64) if moved.max() < CHESSBOARD.most_moved_share * spacing else None
+    )
 
 
 def _spacing_px(corners: Array, size: tuple[int, int]) -> float:
@@ -89,7 +90,7 @@ def _is_grid(corners: Array, size: tuple[int, int]) -> bool:
     for axis in (0, 1):
         step = np.linalg.norm(np.diff(grid, axis=axis), axis=-1).mean()
         bend = np.linalg.norm(np.diff(grid, n=2, axis=axis), axis=-1)
-        if step < 3.0 or bend.max() > 0.35 * step:
+        if step < CHESSBOARD.least_spacing_px or bend.max() > CHESSBOARD.most_bend_share * step:
             return False
     return True
 
@@ -138,7 +139,9 @@ def board_pose(camera: BoardCamera, corners: Array, board: BoardSpec) -> tuple[A
     for i, (rvec, tvec) in enumerate(zip(rotations[:count], translations[:count], strict=True)):
         if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             continue
-        if best is not None and float(np.ravel(misses)[i]) > CLEARLY_WORSE * float(np.ravel(misses)[0]):
+        if best is not None and float(np.ravel(misses)[i]) > CHESSBOARD.second_pose_ratio * float(
+            np.ravel(misses)[0]
+        ):
             break
         start = transform(np.asarray(cv2.Rodrigues(rvec)[0]), np.asarray(tvec).reshape(3))
         polished = polish_pose(camera, corners, model, start)
