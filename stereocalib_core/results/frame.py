@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +148,17 @@ class FrameResult:
         return "" if self.failure is None else str(self.failure.reason)
 
 
+def estimates(results: Sequence[FrameResult]) -> NDArray[np.float64]:
+    """(N, 3) height [m], pitch, roll [rad] of each pair by itself, NaN where the frame failed."""
+    rows = [
+        (r.road.extrinsics.height_m, r.road.extrinsics.pitch_rad, r.road.extrinsics.roll_rad)
+        if r.road is not None
+        else (np.nan,) * 3
+        for r in results
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
 @dataclass(frozen=True)
 class FilteredExtrinsics:
     """Height, pitch and roll of a drive after the filter.
@@ -173,31 +183,3 @@ class Measured:
 
     value: float
     sigma: float
-
-
-@dataclass(frozen=True)
-class Rig:
-    """What one drive teaches of the rig and the next may start from; None = not known.
-
-    Nominal height and lever arm (rear axle to camera) [m], pitch, roll and yaw [rad].
-    """
-
-    height_m: Measured | None = None
-    pitch_rad: Measured | None = None
-    roll_rad: Measured | None = None
-    yaw_rad: Measured | None = None
-    lever_arm_m: Measured | None = None
-
-
-@dataclass(frozen=True)
-class DriveAnalysis:
-    """What the back end makes of a whole drive.
-
-    report: the blocks of report.json that need the whole drive, by their names there.
-    poses: (N, 4, 4) T_world_camera per frame, variant `autocalibrated`, world = first left camera; or None.
-    """
-
-    report: Mapping[str, Any]
-    filtered: FilteredExtrinsics | None = None
-    poses: NDArray[np.float64] | None = None
-    rig: Rig | None = None
