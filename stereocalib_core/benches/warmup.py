@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 WARM_PACKAGES = (
+    "stereocalib_core.sources",
     "stereocalib_core.front.rows",
     "stereocalib_core.front.road",
     "stereocalib_core.front.tracks",

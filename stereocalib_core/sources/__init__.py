@@ -115,3 +115,10 @@ def open_source(spec: str) -> FrameSource:
     if kind is SourceKind.FOLDER:
         return plain.open_folder(path)
     raise SourceError("output of an earlier run", path, "use it with view or compare, or name its source")
+
+
+def warm_up() -> None:
+    """Compile what this package compiles."""
+    from stereocalib_core.sources import png
+
+    png.warm_up()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +10,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason, SourceError
+from stereocalib_core.sources.png import DamagedPng, decode_grey8
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 64_000_000
@@ -45,7 +46,7 @@ def check_png(data: bytes) -> tuple[int, int]:
         end = at + 12 + length
         if end > len(data):
             break
-        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+        if isal_zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
             raise UnreadablePicture(f"damaged PNG, wrong checksum at byte {at}")
         if kind == b"IHDR" and length == 13:
             size = struct.unpack_from(">II", data, at + 8)
@@ -78,6 +79,11 @@ def decode(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8
             raise WrongSize(*found)
         if found[0] * found[1] > MAX_PIXELS:
             raise UnreadablePicture(f"{found[0]}x{found[1]} pixels are too many")
+        try:
+            if (grey := decode_grey8(data)) is not None:
+                return grey
+        except DamagedPng as error:
+            raise UnreadablePicture(f"damaged PNG, {error}") from error
     elif data.startswith(_JPEG) and b"\xff\xd9" not in data[-64:]:
         raise UnreadablePicture(f"JPEG cut off after {len(data)} bytes")
     try:
