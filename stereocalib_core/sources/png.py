@@ -18,7 +18,7 @@ from stereocalib_core.numeric.arrays import Grey
 _GREY8 = struct.pack(">BBBBB", 8, 0, 0, 0, 0)
 """Bit depth 8, colour type grey, deflate, the standard filters, not interlaced."""
 
-_INFLATE_ERROR: type[Exception] = isal_zlib.error
+_INFLATE_ERROR: Any = isal_zlib.error
 
 
 class DamagedPng(Exception):
