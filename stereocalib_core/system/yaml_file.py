@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from stereocalib_core.errors import ConfigError, StereoCalibError
+from stereocalib_core.system.text_file import read_text
 
 MAX_BYTES = 256 * 1024
 
@@ -22,17 +23,19 @@ class _PlainLoader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
 
+def parse_plain(text: str) -> Any:
+    """The plain values in a YAML or JSON text; raises yaml.YAMLError, ValueError or RecursionError."""
+    return yaml.load(text, Loader=_PlainLoader)
+
+
 def read_yaml(path: Path, what: str = "settings", error: type[StereoCalibError] = ConfigError) -> Any:
     """The plain values in a YAML or JSON file, None for an empty one.
 
     Raises `error` in one line when the file is missing, over 256 kB, or neither YAML nor JSON.
     """
+    text = read_text(path, MAX_BYTES, what, error)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise error(f"{what} too large", path, f"at most {MAX_BYTES // 1024} kB are read")
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_PlainLoader)
-    except OSError as reason:
-        raise error(f"{what} cannot be read", path, reason.strerror or "check the path") from reason
+        return parse_plain(text)
     except (yaml.YAMLError, ValueError, RecursionError) as reason:
         # ValueError covers broken UTF-8, impossible dates and integers of thousands of digits.
         text = " ".join(str(reason).split())[:200] or "check its syntax"

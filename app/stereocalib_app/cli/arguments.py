@@ -57,6 +57,7 @@ SYNTH_KEYS = {
     "body_motion": ("X", "pitching and rolling of the car, 0 off, 1 default"),
     "lidar": ("0|1", "LiDAR scans too"),
 }
+DIALECTS = ("yaml", "opencv", "ros", "kalibr", "kitti")
 EXPERIMENTS = ("roll", "height", "yaw", "odometry", "lidar-camera")
 
 
@@ -105,6 +106,13 @@ def _frame(text: str) -> int:
     if not text.isdecimal() or len(text) > 9:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no frame")
     return int(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not all(side.isdecimal() and 32 <= int(side[:6]) <= 16384 for side in (width, height)):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no size, e.g. 1242x375")
+    return int(width), int(height)
 
 
 def _names(text: str) -> list[str]:
@@ -191,6 +199,7 @@ def build_parser() -> Parser:
     )
 
     _add_lidar(add)
+    _add_calibration(add)
     batch = add(
         "batch",
         "run many drives, on several processes or machines",
@@ -210,6 +219,31 @@ def build_parser() -> Parser:
         batch.add_argument(f"--tls-{name}", type=Path, metavar="PEM", help=f"for tls://: the {kind} {what}")
     batch.add_argument("--method", choices=("direct", "paper"), default=None)
     return parser
+
+
+def _add_calibration(add: object) -> None:
+    convert = add(  # type: ignore[operator]
+        "calibration",
+        "write a calibration in another tool's dialect",
+        "stereocalib calibration camchain.yaml --to opencv --out stereo.yml",
+    )
+    convert.add_argument(
+        "input",
+        metavar="IN",
+        help="a file, two files a.yml,b.yml, a folder that holds one, or the output of a run "
+        "(its mended calibration)",
+    )
+    convert.add_argument("--to", required=True, choices=DIALECTS, metavar="DIALECT", help=", ".join(DIALECTS))
+    convert.add_argument(
+        "--out", type=Path, required=True, metavar="PATH", help="the file, or a folder for the usual name"
+    )
+    convert.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    convert.add_argument(
+        "--unit", choices=("m", "cm", "mm"), help="of its lengths, where the file leaves that open"
+    )
+    convert.add_argument(
+        "--size", type=_size, metavar="WIDTHxHEIGHT", help="of the pictures, where the file does not say"
+    )
 
 
 def _add_server(parser: argparse.ArgumentParser) -> None:

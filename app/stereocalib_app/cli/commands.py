@@ -195,6 +195,21 @@ def batch(arguments: argparse.Namespace) -> str | None:
     return summary.warning
 
 
+def calibration(arguments: argparse.Namespace) -> str | None:
+    """One dialect of calibration to another."""
+    from stereocalib_core.sources.calibrations import convert
+
+    done = convert(
+        arguments.input, arguments.to, arguments.out, arguments.unit, arguments.size, arguments.overwrite
+    )
+    for path in done.written:
+        print(path)
+    print(f"  read from {', '.join(str(path) for path in done.read)} ({done.dialect})")
+    for text in done.notes:
+        print(f"  note: {text}")
+    return None
+
+
 COMMANDS: dict[str, Callable[[argparse.Namespace], str | None]] = {
     "demo": demo,
     "view": view,
@@ -205,4 +220,5 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], str | None]] = {
     "lidar-camera": lidar_camera,
     "view-lidar": view_lidar,
     "batch": batch,
+    "calibration": calibration,
 }

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import Recording, StereoFrame
-from stereocalib_core.sources.calibrations.own_yaml import Rectifier, read_camera_file
+from stereocalib_core.sources.calibrations.own_yaml import read_camera_file
+from stereocalib_core.sources.calibrations.rectify import Rectifier
 from stereocalib_core.sources.lists import KITTI_FPS, frame_times, read_ground_truth, read_times
 from stereocalib_core.sources.pairing import PairReader, check_usable, content_key, match_pairs
 from stereocalib_core.sources.pictures import PictureFormat, survey
