@@ -146,6 +146,9 @@ def from_files(files: Iterable[Path], unit: str | None = None, size: Size | None
     trees = {path: read_tree(path) for path in files}
     if len(files) == 1 and ros.is_side(trees[files[0]]):
         trees |= _partner(files[0])
+    elif len(files) == 1 and opencv.is_part(trees[files[0]]) and not opencv.is_whole(trees[files[0]]):
+        beside = {path: tree for path in _candidates(files[0].parent) if (tree := _tree_or_nothing(path))}
+        trees |= {path: tree for path, tree in beside.items() if opencv.is_part(tree)}
     found = _from_trees(trees, files[0], unit, size)
     if found is None and len(files) == 1:
         trees |= {path: tree for path in _candidates(files[0].parent) if (tree := _tree_or_nothing(path))}
