@@ -23,7 +23,7 @@ from stereocalib_core.back.rig.pair import RectificationReport, summarise
 from stereocalib_core.back.rig.shift_alarm import Shift, find_shifts
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.back.rig.yaw import YawEstimate, estimate_yaw
-from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config import PipelineConfig, VehicleConfig
 from stereocalib_core.files.report import gaps, mount_block
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import StereoCamera
@@ -75,14 +75,14 @@ def analyse(
 ) -> Drive:
     """Everything that the whole drive says. `rig` brings yaw and lever arm of an earlier drive of the same rig."""
     known = rig or Rig()
-    filtered = filter_drive(results, config.filter, camera if config.method == "paper" else None)
-    tracks = pack(camera, results)
-    yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m)
+    filtered = filter_drive(results, camera, config)
+    tracks = pack(camera, results, config.odometry)
+    yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m, config.vehicle)
     yaw_measured = _yaw(yaw, known)
     lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
     odometry_yaw, yaw_reason = yaw_measured, yaw.reason
     if odometry_yaw is None:
-        odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason)
+        odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason, config.vehicle)
     extrinsics = odometry_extrinsics(filtered, 0.0 if odometry_yaw is None else odometry_yaw.value)
     paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
     truth = None if ground_truth is None else ground_truth.poses
@@ -92,11 +92,13 @@ def analyse(
     lidar = check(results, config.road_check)
     best = paths["autocalibrated"]
     times = np.array([r.timestamp_s for r in results], dtype=np.float64)
-    motion = MotionSeries.from_path(times, best, tracks)
+    motion = MotionSeries.from_path(times, best, tracks, config.vehicle)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
     if lidar is not None:
         lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
-    mount = estimate_mount(results, motion, yaw_measured, lever, shifts)
+    mount = estimate_mount(
+        results, motion, yaw_measured, lever, shifts, config.mount, config.shift_alarm.wheels
+    )
     report = {
         "mount": mount_block(mount),
         "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
@@ -124,14 +126,14 @@ def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
 
 
 def _yaw_of_path(
-    tracks: PackedTracks, filtered: FilteredExtrinsics, reason: str | None
+    tracks: PackedTracks, filtered: FilteredExtrinsics, reason: str | None, vehicle: VehicleConfig
 ) -> tuple[Measured | None, str | None]:
     """A yaw for the variants that need one where no straight shows it: that of an axle without side slip.
 
     It makes the path agree with the model, so it is no measurement of the mount; the reason says what was used.
     """
     free = trajectory(tracks, odometry_extrinsics(filtered, 0.0), TrajectorySettings())
-    found = estimate_lever_and_yaw(free)
+    found = estimate_lever_and_yaw(free, vehicle, tracks.config)
     if found is None:
         return None, reason
     value, sigma = np.rad2deg([found.yaw_rad, found.yaw_sigma_rad])

@@ -1,10 +1,11 @@
 """Settings: one frozen dataclass per stage, their defaults, and how they are read.
 
-One file a room: `front`, `back`, `lidar`; here they become one tree.
+One file a room: `front`, `tracks`, `back` (with `steps`), `odometry`, `vehicle`, `lidar`; here they become one
+tree.
 
 A settings file is JSON or YAML with any part of the tree that `stereocalib run` writes to `config.json`;
 what is left out keeps its default. Unknown keys and values of the wrong type are refused, and numbers that are
-not positive: every one is a size, a limit or a count.
+not positive: every one is a size, a limit or a count. Where zero means something the field's own type says so.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from stereocalib_core.config.back import (
     FilterConfig,
+    MountConfig,
     RectificationConfig,
     RoadPointsConfig,
     ShiftAlarmConfig,
@@ -35,14 +37,18 @@ from stereocalib_core.config.front import (
     ProfileConfig,
 )
 from stereocalib_core.config.lidar import RoadCheckConfig
+from stereocalib_core.config.odometry import OdometryConfig
 from stereocalib_core.config.strict import STRICT
+from stereocalib_core.config.tracks import TracksConfig
+from stereocalib_core.config.vehicle import VehicleConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
     "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
-    "Method", "PipelineConfig", "ProfileConfig", "RectificationConfig", "RoadCheckConfig", "RoadPointsConfig",
-    "ShiftAlarmConfig", "YawConfig", "from_dict", "load", "to_dict",
+    "Method", "MountConfig", "OdometryConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
+    "RoadCheckConfig", "RoadPointsConfig", "ShiftAlarmConfig", "TracksConfig", "VehicleConfig", "YawConfig",
+    "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 Method = Literal["direct", "paper"]
@@ -60,9 +66,13 @@ class PipelineConfig:
     lane: LaneConfig = LaneConfig()
     direct: DirectConfig = DirectConfig()
     limits: LimitsConfig = LimitsConfig()
+    tracks: TracksConfig = TracksConfig()
     rectification: RectificationConfig = RectificationConfig()
+    vehicle: VehicleConfig = VehicleConfig()
     filter: FilterConfig = FilterConfig()
+    odometry: OdometryConfig = OdometryConfig()
     yaw: YawConfig = YawConfig()
+    mount: MountConfig = MountConfig()
     shift_alarm: ShiftAlarmConfig = ShiftAlarmConfig()
     road_check: RoadCheckConfig = RoadCheckConfig()
 
@@ -86,17 +96,29 @@ def from_dict(values: Any, where: object = "settings") -> PipelineConfig:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "top level"
         raise ConfigError(f"bad setting {field}", where, first["msg"]) from error
-    for field, value in _numbers(to_dict(config)):
+    for field, value in _numbers(config):
         most = math.pi / 2 if field.endswith("_rad") else math.inf
         if not 0 < value < most:
             raise ConfigError(f"bad setting {field}", where, f"{value:g} is not between 0 and {most:.4g}")
     return config
 
 
-def _numbers(values: dict[str, Any], stage: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of nested settings with its dotted name."""
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _numbers(value, f"{stage}{name}.")
-        elif not isinstance(value, (str, bool)):
-            yield stage + name, value
+def _numbers(config: Any, stage: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of nested settings with its dotted name, but those whose type has a lower bound of its own."""
+    hints = get_type_hints(type(config), include_extras=True)
+    for field in dataclasses.fields(config):
+        name, value = stage + field.name, getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _numbers(value, f"{name}.")
+        elif not _bounded(hints[field.name]):
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, (int, float)) and not isinstance(number, bool):
+                    yield name, number
+
+
+def _bounded(hint: Any) -> bool:
+    """Whether a field's type says itself how small its value may be."""
+    if get_origin(hint) is not Annotated:
+        return False
+    marks = [part for extra in get_args(hint)[1:] for part in getattr(extra, "metadata", (extra,))]
+    return any(hasattr(part, "ge") or hasattr(part, "gt") for part in marks)

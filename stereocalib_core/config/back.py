@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from stereocalib_core.config.strict import STRICT
-
-Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+from stereocalib_core.config.steps import StepConfig, TurmoilConfig, YawStepConfig
+from stereocalib_core.config.strict import STRICT, Floor, Share
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -36,20 +32,25 @@ class RectificationConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class RoadPointsConfig:
-    """The road by the tracked points on it, and when the filter leans on that."""
+    """The road by the tracked points on it in the own lane, and when the filter leans on that."""
 
-    near_m: float = 4.0
-    far_m: float = 20.0
-    lane_half_width_m: float = 1.75
     min_points: int = 20
+    """Fewer points in the lane make no plane: three unknowns and an outlier in five. Numerical."""
     noise_px: float = 0.15
+    """1 sigma of a tracked point's disparity [px]. Tuned on KITTI 06 and the synthetic town."""
     unevenness_m: float = 0.004
+    """1 sigma of the road's height about a plane [m]. Source: ISO 8608 class A to B over the length of a lane."""
     road_height_m: float = 1.65
-    """A camera about this high: how much of an uneven road shows in a disparity."""
+    """A camera about this high: how much of an uneven road shows in a disparity [m]."""
     alike: float = 4.0
-    """So many neighbouring points count as one."""
+    """So many neighbouring points count as one: they share their bit of road."""
+    rounds: int = 14
+    """Of reweighting: the first with gentle weights, so that the first plane may be a poor one. Numerical."""
+    soft_rounds: int = 4
+    least_scale: float = 0.3
+    """Residuals smaller than their noise make no fit surer than this share of it."""
     correlation: float = 0.3
-    """Of the errors of the points and of the pair's own estimate."""
+    """Of the errors of the points and of the pair's own estimate. Tuned on the synthetic town."""
     min_share: float = 0.7
     """The points are used where they are so much surer that they would count for this share."""
     gate: float = 3.0
@@ -57,31 +58,53 @@ class RoadPointsConfig:
 
 
 @dataclass(frozen=True, config=STRICT)
+class NoiseBankConfig:
+    """The grid of small filters by which the body's liveliness and the measurements' noise are learnt."""
+
+    body_factors: tuple[float, ...] = (0.18, 0.35, 0.7, 1.4, 2.8)
+    """On the nominal standard deviation of the body's motion: steps of two."""
+    noise_factors: tuple[float, ...] = (0.35, 0.6, 1.0, 1.7, 3.0)
+    """On the stated standard deviation of the measurement: steps of 1.7."""
+    body_middle: float = 0.7
+    """The body factor that is expected beforehand, and how sure that is, 1 sigma of its logarithm. Tuned on the
+    synthetic town."""
+    body_prior: float = 0.8
+    noise_prior: float = 0.35
+    """1 sigma of the logarithm of the noise factor beforehand: stated values are believed until the data speak."""
+    surprise: float = 36.0
+    """Largest squared innovation in sigmas that a model is blamed for: one wild frame must not rule it out."""
+
+
+@dataclass(frozen=True, config=STRICT)
 class FilterConfig:
     """The filter over height, pitch and roll. Body sizes are standard deviations about the rest pose."""
 
-    natural_hz: float = 1.4
-    damping: Share = 0.35
-    """Of the critical one."""
     body_height_m: float = 0.006
+    """How far springs move the body in ordinary driving, 1 sigma [m], [deg]; the start of what is learnt. Source:
+    KITTI 03 and 06, scatter of a calm stretch."""
     body_pitch_deg: float = 0.12
     body_roll_deg: float = 0.10
     rest_height_m: float = 0.004
-    """How far the rest pose may wander in a second (braking, curves); it grows with the root of time."""
+    """How far the rest pose may wander in a second (braking, curves) [m], [deg]; it grows with the root of time."""
     rest_angle_deg: float = 0.15
     memory_s: float = 2.0
-    """Over which the sizes of body motion and measurement noise are learnt."""
+    """Over which the sizes of body motion and measurement noise are learnt [s]: some three swings of the body."""
     persistent_share: Share = 0.6
-    """Of a frame's variance, what it shares with its neighbours: it does not average out."""
+    """Of a frame's variance, what it shares with its neighbours: it does not average out. Tuned on the synthetic
+    town with `direct`."""
     look_ahead: bool = True
     """Use later frames as well, within each unbroken stretch; off = causal."""
     gate: float = 21.0
-    """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom)."""
+    """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom): one in ten thousand."""
     gate_height_m: float = 0.04
-    """What a body may do between two frames besides, 1 sigma: a speed hump turns it by a degree and more."""
+    """What a body may do between two frames besides, 1 sigma [m], [deg]: a speed hump turns it by a degree and more."""
     gate_angle_deg: float = 0.45
     recovery_frames: int = 2
     """Gated so often in a row, the filter believes that the mount has moved."""
+    longest_step_s: float = 1.0
+    """Time between two frames that is believed [s]: at least, at most."""
+    shortest_step_s: float = 1e-3
+    noise_bank: NoiseBankConfig = NoiseBankConfig()
     road_points: RoadPointsConfig = RoadPointsConfig()
 
 
@@ -90,20 +113,52 @@ class YawConfig:
     """Mounting yaw by the vanishing point of straight travel."""
 
     min_travel_m: float = 0.25
-    """Pairs of frames that move less show no direction."""
+    """Pairs of frames that move less show no direction [m]."""
     min_radius_m: float = 250.0
-    """Driving is straight where its curve has a larger radius."""
+    """Driving is straight where its curve has a larger radius [m]."""
     min_stretch_m: float = 6.0
     min_stretch_pairs: int = 8
     min_pairs: int = 15
     min_tracks: int = 15
     """Road tracks that agree on a pair's vanishing point."""
     tolerance_px: float = 1.0
-    """Largest miss of a track that agrees."""
+    """Largest miss of a track that agrees [px]."""
+    min_flow_px: float = 0.7
+    """A shorter track has no direction [px]: its noise is half of it."""
+    samples: int = 80
+    """Intersections tried within a pair: with half of the tracks good, one is good with certainty."""
     pair_tolerance_deg: float = 1.0
-    """Largest disagreement of a pair with the drive."""
-    systematic_deg: float = 0.012
-    """1 sigma that more driving does not remove."""
+    """Largest disagreement of a pair with the drive [deg]."""
+    min_inlier_share: Share = 0.3
+    """Of the pairs, which must agree on the yaw."""
+    pair_sigma_deg: float = 0.05
+    """1 sigma of the yaw of one pair [deg], for the weight of the car's assumed sway against the drive's own."""
+    alike_pairs: int = 8
+    """Pairs whose errors may be alike (the same stretch of road): sigma comes from means over so many."""
+    systematic_deg: Floor = 0.012
+    """1 sigma that more driving does not remove [deg]."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class WheelsConfig:
+    """The road under the wheels, from the planes that were seen ahead a moment ago."""
+
+    ahead_m: float = 7.0
+    """Where a pair sees the road best, ahead of the wheels [m]."""
+    half_m: float = 1.5
+    """Half the stretch of planes that are averaged [m]."""
+    min_planes: int = 2
+
+
+@dataclass(frozen=True, config=STRICT)
+class MountConfig:
+    """The camera's nominal mount over a drive."""
+
+    alike_frames: int = 30
+    """Frames whose body motion may be alike: sigma comes from means over so many. Physics: two swings at 10 Hz."""
+    floor_height_m: Floor = 0.001
+    """1 sigma that no length of one drive removes (load, tyres, the road's own shape) [m], [deg]."""
+    floor_angle_deg: Floor = 0.005
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -111,12 +166,28 @@ class ShiftAlarmConfig:
     """Steps and drifts of the mount."""
 
     least_angle_deg: float = 0.18
+    """Smaller steps are not told [deg], [m]: what they do to the odometry is below its noise."""
     least_height_m: float = 0.018
     threshold: float = 5.5
-    """A step must be so many times its standard deviation."""
+    """A step must be so many times its standard deviation. Tuned on synthetic drives without a knock."""
     noise_angle_deg: float = 0.015
-    """Least 1 sigma of what one frame brings that the frames before it did not show."""
+    """Least 1 sigma of what one frame brings that the frames before it did not show [deg], [m]."""
     noise_height_m: float = 0.0015
     noise_yaw_deg: float = 0.03
     drift_factor: float = 1.25
     """A drift must be so many times the least size."""
+    horizons: tuple[int, int, int] = (15, 30, 60)
+    """Frames (for the yaw: pairs on straights) after a shift by which it may be certain."""
+    most_steps: int = 6
+    """Steps looked for on one axis."""
+    standing_m_s: float = 1.0
+    """A slower car sees one scene, errors and all, again and again [m/s]: no drift to judge by."""
+    drift_block: int = 20
+    """Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
+    drift_blocks: int = 10
+    drift_levels: int = 60
+    """Levels at most: a longer drive has longer ones."""
+    wheels: WheelsConfig = WheelsConfig()
+    steps: StepConfig = StepConfig()
+    turmoil: TurmoilConfig = TurmoilConfig()
+    yaw_steps: YawStepConfig = YawStepConfig()

@@ -189,7 +189,7 @@ def run_height(out: Path, source: str | None = None, progress: Progress | None =
             progress(frame.index + 1, len(recording), "frames")
     values = {name: estimates(results) for name, results in series.items()}
     for name in ("free_map", "direct"):
-        values[f"{name}_filtered"] = filter_drive(series[name], config.filter).values
+        values[f"{name}_filtered"] = filter_drive(series[name], recording.camera, config).values
     report: dict[str, Any] = {name: _statistics(values[name][:, 0]) for name in HEIGHT_METHODS}
     report["single_pass"] = _statistics(np.array(single))
     write_json(out / "height.json", report)

@@ -154,7 +154,7 @@ class FrontEnd:
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
         view = PairView(index, left, right, road.disparity, self._road, road.estimate is not None)
-        self._tracker, tracks = advance(self.camera, self._tracker, view)
+        self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
         return tracks
 
     @property

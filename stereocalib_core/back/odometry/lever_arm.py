@@ -10,23 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereocalib_core.back.odometry.trajectory import DEFAULT_LEVER_ARM_M, Trajectory
+from stereocalib_core.back.odometry.trajectory import Trajectory
+from stereocalib_core.config import OdometryConfig, VehicleConfig
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
-
-PRIOR_LEVER_SIGMA_M = 0.7
-"""How far rear axle to camera may differ from the default where no turn shows it."""
-
-MIN_TRAVEL_M = 0.1
-"""Pairs that move less than this say nothing of the direction of travel."""
-
-MIN_PAIRS = 10
-
-SYSTEMATIC = np.diag([np.deg2rad(0.005), 0.02]) ** 2
-"""What no number of pairs takes away: covariance of yaw and lever arm by the unevenness of road and tyres."""
-
-SLIP_SIGMA = 1.5e-3
-"""Sideways motion per metre of travel that real tyres and roads add to the measurement noise."""
 
 
 @dataclass(frozen=True)
@@ -49,32 +36,36 @@ class LeverYaw:
         return float(np.sqrt(self.covariance[1, 1]))
 
 
-def estimate_lever_and_yaw(free: Trajectory) -> LeverYaw | None:
+def estimate_lever_and_yaw(
+    free: Trajectory, vehicle: VehicleConfig | None = None, config: OdometryConfig | None = None
+) -> LeverYaw | None:
     """From a trajectory of a free model, best of `full`; None where too few pairs move.
 
     A weak prior holds the lever arm near its default, so that a drive without turns gives a usable value
     with the σ that says so.
     """
+    vehicle, config = vehicle or VehicleConfig(), config or OdometryConfig()
     x, z, heading = free.planar.T
-    use = free.measured & (z > MIN_TRAVEL_M) & (free.planar_covariance[:, 0, 0] > 0)
-    if np.count_nonzero(use) < MIN_PAIRS:
+    use = free.measured & (z > config.lever_min_travel_m) & (free.planar_covariance[:, 0, 0] > 0)
+    if np.count_nonzero(use) < config.lever_min_pairs:
         return None
     x, z, heading = x[use], z[use], heading[use]
     A = np.column_stack([z, heading])
     y = x - 0.5 * z * heading
     cov = free.planar_covariance[use]
-    solution = np.array([np.median(y / z), DEFAULT_LEVER_ARM_M])
+    solution = np.array([np.median(y / z), vehicle.lever_arm_m])
     inverse_cov = np.zeros((2, 2))
+    systematic = np.diag([np.deg2rad(config.lever_yaw_floor_deg), config.lever_floor_m]) ** 2
     for _ in range(20):
         # derivative of y - yaw z - L heading by x, z, heading
         J = np.stack([np.ones_like(z), -0.5 * heading - solution[0], -0.5 * z - solution[1]], axis=1)
-        variance = np.einsum("ni,nij,nj->n", J, cov, J) + (SLIP_SIGMA * z) ** 2
+        variance = np.einsum("ni,nij,nj->n", J, cov, J) + (vehicle.slip * z) ** 2
         residual = y - A @ solution
         spread = max(1.0, (SIGMA_PER_MAD * np.median(np.abs(residual) / np.sqrt(variance))) ** 2)
         weight = 1.0 / (variance * spread * (1.0 + residual**2 / (4.0 * variance * spread)))
-        prior = 1.0 / PRIOR_LEVER_SIGMA_M**2
+        prior = 1.0 / vehicle.lever_arm_prior_sigma_m**2
         inverse_cov = (A * weight[:, None]).T @ A + np.diag([0.0, prior])
-        right = (A * weight[:, None]).T @ y + [0.0, prior * DEFAULT_LEVER_ARM_M]
+        right = (A * weight[:, None]).T @ y + [0.0, prior * vehicle.lever_arm_m]
         step = np.linalg.solve(inverse_cov, right) - solution
         solution = solution + step
         if np.abs(step).max() < 1e-9:
@@ -82,6 +73,6 @@ def estimate_lever_and_yaw(free: Trajectory) -> LeverYaw | None:
     return LeverYaw(
         float(solution[0]),
         float(solution[1]),
-        np.asarray(np.linalg.inv(inverse_cov) + SYSTEMATIC, dtype=np.float64),
+        np.asarray(np.linalg.inv(inverse_cov) + systematic, dtype=np.float64),
         int(np.count_nonzero(use)),
     )

@@ -10,23 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.camera_motion import solve_full, solve_stereo
+from stereocalib_core.config import OdometryConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.results import FrameResult, Tracks
-
-STILL_M, STILL_RAD = 0.006, 5e-4
-"""A pair that moves and turns less than this stands still: less than a tenth of walking pace, and about three
-standard deviations of what tracks of a standing car show."""
-
-SCALE_SIGMA = 0.003
-"""How far the depths of points off the road may differ from those of the road, as a factor."""
-
-ROAD_SHARE = 3.0
-"""Weight of a road point against one above it where the road's extrinsics are put to the test."""
-
-MIN_POINTS = 10
-"""Fewer tracks than this give no motion."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +26,7 @@ class PackedTracks:
     start: (N + 1,) the points of pair i are start[i] ... start[i + 1], those on the road first.
     road_end: (N,) where the road points of pair i end.
     previous: (N,) the other frame of the pair, -1 = no tracks.
-    road_ok: (N,) whether the frame showed its road.
+    road_ok: (N,) whether the frame showed its road. config: how motions are solved.
     """
 
     camera: StereoCamera
@@ -47,6 +35,7 @@ class PackedTracks:
     road_end: NDArray[np.int64]
     previous: NDArray[np.int64]
     road_ok: NDArray[np.bool_]
+    config: OdometryConfig = OdometryConfig()
 
     def __len__(self) -> int:
         return len(self.previous)
@@ -58,24 +47,33 @@ class PackedTracks:
         motions = np.zeros((len(self), 7))
         in_chunks(
             solve_stereo, len(self),
-            self.rays, self.start, self.previous, self.camera.focal_px, MIN_POINTS, motions,
+            self.rays, self.start, self.previous, self.camera.focal_px, self.config.min_points,
+            (*self.config.solver.wide_px, self.config.solver.cauchy_px), self.solver, motions,
         )  # fmt: skip
         return motions
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
         """(N,) pairs that move and have points enough."""
-        return np.asarray((self.previous >= 0) & ~self.still & (np.diff(self.start) >= MIN_POINTS))
+        return np.asarray(
+            (self.previous >= 0) & ~self.still & (np.diff(self.start) >= self.config.min_points)
+        )
 
     @cached_property
     def best_motion(self) -> tuple[Array, Array]:
         """(N, 7) motion as `stereo_motion` and its (N, 6, 6) covariance, from all that the tracks measure."""
-        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, 1.0, SCALE_SIGMA)
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, 1.0, self.config.scale_sigma)
 
     @cached_property
     def road_motion(self) -> Array:
-        """(N, 7) motion with the road weighted by `ROAD_SHARE` and nothing changed in its extrinsics."""
-        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, ROAD_SHARE, 1e-6)[0]
+        """(N, 7) motion with the road weighted by `road_share` and nothing changed in its extrinsics."""
+        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, self.config.road_share, 1e-6)[0]
+
+    @property
+    def solver(self) -> tuple[float, int, int]:
+        """What `full_pair` is set by."""
+        solver = self.config.solver
+        return solver.noise_px, solver.iterations, self.config.min_points_of_a_kind
 
     def full_motion(
         self, tilts: Array, initial: Array, road_share: float, scale_sigma: float
@@ -85,7 +83,7 @@ class PackedTracks:
         in_chunks(
             solve_full, len(self),
             self.rays, self.start, self.road_end, self.active, tilts, initial, self.camera.focal_px,
-            road_share, scale_sigma, motions, covariances,
+            road_share, scale_sigma, self.config.solver.cauchy_px, self.solver, motions, covariances,
         )  # fmt: skip
         return motions, covariances
 
@@ -94,16 +92,19 @@ class PackedTracks:
         """(N,) pairs between which the car stands, decided on measured disparities alone."""
         motion = self.stereo_motion
         turn, move = np.linalg.norm(motion[:, :3], axis=1), np.linalg.norm(motion[:, 3:6], axis=1)
-        return np.asarray((motion[:, 6] > 0) & (turn < STILL_RAD) & (move < STILL_M))
+        return np.asarray((motion[:, 6] > 0) & (turn < self.config.still_rad) & (move < self.config.still_m))
 
 
-def pack(camera: StereoCamera, results: Sequence[FrameResult]) -> PackedTracks:
+def pack(
+    camera: StereoCamera, results: Sequence[FrameResult], config: OdometryConfig | None = None
+) -> PackedTracks:
     """Front-end results, one per frame in order, to one block."""
     return pack_tracks(
         camera,
         [r.tracks for r in results],
         np.array([r.ok for r in results], dtype=bool),
         [r.frame for r in results],
+        config,
     )
 
 
@@ -112,6 +113,7 @@ def pack_tracks(
     tracks: Sequence[Tracks | None],
     road_ok: NDArray[np.bool_] | None = None,
     frames: Sequence[int] | None = None,
+    config: OdometryConfig | None = None,
 ) -> PackedTracks:
     """Tracks of consecutive frames to one block; `Tracks.previous` is one of `frames` (default 0, 1, ...)."""
     count = len(tracks)
@@ -141,4 +143,5 @@ def pack_tracks(
         ]
     )
     ok = np.ones(count, dtype=bool) if road_ok is None else np.asarray(road_ok, dtype=bool)
-    return PackedTracks(camera, np.ascontiguousarray(rays), start, road_end, previous, ok)
+    settings = config or OdometryConfig()
+    return PackedTracks(camera, np.ascontiguousarray(rays), start, road_end, previous, ok, settings)

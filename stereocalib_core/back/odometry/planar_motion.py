@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.back.odometry.camera_motion import CAUCHY_PX, MAX_ITERATIONS
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import FAST, solve_symmetric
 
@@ -102,6 +101,8 @@ def planar_pair(
     e1: Array,
     lever: float,
     focal_px: float,
+    cauchy_px: float,
+    iterations: int,
     motion: Array,
     cov: Array,
 ) -> bool:
@@ -110,7 +111,7 @@ def planar_pair(
     e0, e1: (4,) height, pitch, roll, yaw of the two frames. `lever` NaN = free, else non-holonomic.
     """
     held = not np.isnan(lever)
-    scale = (focal_px / CAUCHY_PX) ** 2
+    scale = (focal_px / cauchy_px) ** 2
     H = np.zeros((3, 3))
     g = np.zeros(3)
     D = np.zeros((3, 2))
@@ -119,7 +120,7 @@ def planar_pair(
     step = np.zeros(3)
     yaw = e0[3]
     distance = motion[1] * np.cos(yaw) + motion[0] * np.sin(yaw)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(iterations):
         if held:
             arc(distance, motion[2], yaw, lever, motion, D)
         cost, total = _accumulate(rays, first, last, e0, e1, motion, scale, H, g)
@@ -164,6 +165,8 @@ def solve_planar(
     initial: Array,
     lever: float,
     focal_px: float,
+    cauchy_px: float,
+    iterations: int,
     motions: Array,
     covariances: Array,
 ) -> None:
@@ -177,6 +180,19 @@ def solve_planar(
             continue
         motion = initial[i].copy()
         e0, e1 = extrinsics[previous[i]], extrinsics[i]
-        if planar_pair(rays, start[i], road_end[i], e0, e1, lever, focal_px, motion, covariances[i]):
+        solved = planar_pair(
+            rays,
+            start[i],
+            road_end[i],
+            e0,
+            e1,
+            lever,
+            focal_px,
+            cauchy_px,
+            iterations,
+            motion,
+            covariances[i],
+        )
+        if solved:
             motions[i, :3] = motion
             motions[i, 3] = 1.0

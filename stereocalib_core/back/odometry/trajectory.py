@@ -23,8 +23,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.back.odometry.packing import ROAD_SHARE, PackedTracks
+from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
+from stereocalib_core.config import VehicleConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
@@ -32,12 +33,6 @@ from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
 
 Model = Literal["full", "planar", "nonholonomic"]
-
-DEFAULT_LEVER_ARM_M = 0.95
-"""Camera ahead of the rear axle, where no rig file and no estimate say better."""
-
-MIN_ROAD_POINTS = 12
-"""Fewer road points than this do not carry the scale of a pair."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,7 @@ class TrajectorySettings:
     pitch_error_rad: float = 0.0
     roll_error_rad: float = 0.0
     height_error_m: float = 0.0
-    lever_arm_m: float = DEFAULT_LEVER_ARM_M
+    lever_arm_m: float = VehicleConfig().lever_arm_m
 
     def __post_init__(self) -> None:
         for axis in ("yaw", "pitch", "roll", "height"):
@@ -146,7 +141,7 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     rotations = road_rotation(used[:, 1], used[:, 2])
     has_pair = tracks.previous >= 0
     origin = np.maximum(tracks.previous, 0)
-    road = has_pair & (tracks.road_end - tracks.start[:-1] >= MIN_ROAD_POINTS)
+    road = has_pair & (tracks.road_end - tracks.start[:-1] >= tracks.config.min_road_points)
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
@@ -181,7 +176,7 @@ def _full(
     best, covariance = tracks.best_motion
     if not tilts.any():
         return best.copy(), covariance
-    changed, _ = tracks.full_motion(tilts, tracks.road_motion, ROAD_SHARE, 1e-6)
+    changed, _ = tracks.full_motion(tilts, tracks.road_motion, tracks.config.road_share, 1e-6)
     return _carry(best, tracks.road_motion, changed), covariance
 
 
@@ -211,7 +206,7 @@ def _planar(
     in_chunks(
         solve_planar, count,
         tracks.rays, tracks.start, tracks.road_end, tracks.previous, active, used, initial, lever,
-        tracks.camera.focal_px, motions, covariance,
+        tracks.camera.focal_px, tracks.config.solver.cauchy_px, tracks.config.solver.iterations, motions, covariance,
     )  # fmt: skip
     return motions[:, :3].copy(), covariance, motions[:, 3].copy()
 

@@ -11,10 +11,10 @@ def warm_up() -> None:
     from stereocalib_core.back.rig.road_points import fit_plane
     from stereocalib_core.back.rig.vanishing_point import vanishing_points
 
-    fit_plane(np.random.default_rng(0).uniform(0.1, 0.4, (3, 30)), np.ones(30))
+    fit_plane(np.random.default_rng(0).uniform(0.1, 0.4, (3, 30)), np.ones(30), 3, 1, 0.3)
     rig = RigFilter()
     for time_s in (0.0, 0.1):
         rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))
     one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
     rays = np.ascontiguousarray(np.random.default_rng(0).uniform(0.1, 0.4, (5, 12)))
-    vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3)
+    vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3, 3)

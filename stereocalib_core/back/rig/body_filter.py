@@ -16,11 +16,10 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from stereocalib_core.back.rig.multiple_model import NoiseBank
-from stereocalib_core.config import FilterConfig
+from stereocalib_core.config import FilterConfig, VehicleConfig
 from stereocalib_core.numeric.arrays import Array
 
 _N = 9
-_LONGEST_STEP_S, _SHORTEST_STEP_S = 1.0, 1e-3
 
 
 @dataclass(frozen=True)
@@ -88,8 +87,9 @@ class RigFilter:
     `recovery_frames` gated in a row the filter begins anew from the next one.
     """
 
-    def __init__(self, config: FilterConfig | None = None) -> None:
+    def __init__(self, config: FilterConfig | None = None, vehicle: VehicleConfig | None = None) -> None:
         self.config = config or FilterConfig()
+        self.vehicle = vehicle or VehicleConfig()
         c = self.config
         self._body = np.array(
             [c.body_height_m, math.radians(c.body_pitch_deg), math.radians(c.body_roll_deg)]
@@ -151,19 +151,25 @@ class RigFilter:
         ukf.P[:3, :3] = R + 1.001 * body
         ukf.P[:3, 3:6] = ukf.P[3:6, :3] = -body
         ukf.P[3:6, 3:6] = body
-        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.config.natural_hz) ** 2
+        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.vehicle.natural_hz) ** 2
         self._time_s = timestamp_s
         self._banks = [
-            NoiseBank(float(z[k]), float(R[k, k]), float(body[k, k]), float(ukf.P[6 + k, 6 + k]))
+            NoiseBank(
+                self.config.noise_bank,
+                float(z[k]),
+                float(R[k, k]),
+                float(body[k, k]),
+                float(ukf.P[6 + k, 6 + k]),
+            )
             for k in range(3)
         ]
         return ukf
 
     def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Array | None, R: Array | None) -> Array:
         """Advance the banks and the filter; gives the (3,) factors on the measurement's sigma."""
-        dt = min(max(timestamp_s - self._time_s, _SHORTEST_STEP_S), _LONGEST_STEP_S)
+        dt = min(max(timestamp_s - self._time_s, self.config.shortest_step_s), self.config.longest_step_s)
         self._time_s = timestamp_s
-        F2, Q2 = oscillator(self.config.natural_hz, self.config.damping, dt)
+        F2, Q2 = oscillator(self.vehicle.natural_hz, self.vehicle.damping, dt)
         F3 = np.eye(3)
         F3[1:, 1:] = F2
         forget = math.exp(-dt / self.config.memory_s)
@@ -195,7 +201,7 @@ class RigFilter:
         ukf.P[:] = 0.0
         ukf.P[:3, :3] = 2.0 * body + np.diag(innovation**2)
         ukf.P[3:6, 3:6] = body
-        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.config.natural_hz) ** 2
+        ukf.P[6:, 6:] = body * (2.0 * math.pi * self.vehicle.natural_hz) ** 2
         ukf.refresh()
 
     def _report(self, ukf: _MatrixUKF, state: str, joined: bool = True) -> FilterStep:

@@ -11,12 +11,10 @@ from scipy.ndimage import median_filter
 
 from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.trajectory import Trajectory
+from stereocalib_core.config import VehicleConfig
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.robust import mad_sigma
+from stereocalib_core.numeric.robust import cauchy_weights, mad_sigma
 
-_NATURAL_HZ, _DAMPING = 1.4, 0.35
-_GAIN_PRIOR = float(np.deg2rad(0.2))
-"""1 sigma of the gains [rad per m/s^2]; a soft car leans half a degree."""
 _SMOOTH = np.array([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21.0
 """Quadratic smoothing over seven frames."""
 
@@ -27,7 +25,7 @@ class MotionSeries:
 
     timestamps_s, speed [m/s, forwards], yaw_rate [rad/s, > 0 turns right], all (N,).
     poses: (N, 4, 4) T_world_camera, or None. tracked: (N,) whether a frame's pose was measured from the one
-    before; None = all were.
+    before; None = all were. vehicle: the car whose motion it is.
     """
 
     timestamps_s: Array
@@ -35,9 +33,12 @@ class MotionSeries:
     yaw_rate: Array
     poses: Array | None = None
     tracked: NDArray[np.bool_] | None = None
+    vehicle: VehicleConfig = VehicleConfig()
 
     @classmethod
-    def from_path(cls, timestamps_s: Array, path: Trajectory, tracks: PackedTracks) -> MotionSeries:
+    def from_path(
+        cls, timestamps_s: Array, path: Trajectory, tracks: PackedTracks, vehicle: VehicleConfig | None = None
+    ) -> MotionSeries:
         """From the odometry of a drive; timestamps_s: (N,)."""
         has_pair = tracks.previous >= 0
         measured = path.measured & has_pair
@@ -46,7 +47,7 @@ class MotionSeries:
         yaw_rate = np.where(measured, path.planar[:, 2] / dt, np.nan)
         tracked = has_pair & (tracks.still | (tracks.best_motion[0][:, 6] > 0.0))
         tracked[1:] &= tracks.previous[1:] == np.arange(len(tracks) - 1)
-        return cls(timestamps_s, speed, yaw_rate, path.poses, tracked)
+        return cls(timestamps_s, speed, yaw_rate, path.poses, tracked, vehicle or VehicleConfig())
 
     @cached_property
     def turns(self) -> Array:
@@ -78,7 +79,8 @@ class MotionSeries:
     def steady(self) -> NDArray[np.bool_]:
         """(N,) known, straight, and neither braked nor pushed hard."""
         known = np.isfinite(self.speed) & np.isfinite(self.yaw_rate)
-        return known & (np.abs(self.longitudinal) < 1.45) & (np.abs(self.lateral) < 0.7)
+        braked = np.abs(self.longitudinal) >= self.vehicle.steady_braking_m_s2
+        return known & ~braked & (np.abs(self.lateral) < self.vehicle.steady_cornering_m_s2)
 
 
 def _filled(values: Array) -> Array:
@@ -96,14 +98,14 @@ def _smooth(values: Array) -> Array:
     return np.convolve(padded, _SMOOTH[::-1], "valid")
 
 
-def _sprung(target: Array, dt_s: float) -> Array:
-    """The answer of a damped spring to (N,) resting values."""
-    w, fine = 2.0 * np.pi * _NATURAL_HZ, 12
+def _sprung(target: Array, dt_s: float, vehicle: VehicleConfig) -> Array:
+    """The answer of the vehicle's springs to (N,) resting values."""
+    w, fine = 2.0 * np.pi * vehicle.natural_hz, 12
     result, x, v = np.empty(len(target)), float(target[0]) if len(target) else 0.0, 0.0
     for i, goal in enumerate(target.tolist()):
         result[i] = x
         for _ in range(fine):
-            v += dt_s / fine * (w * w * (goal - x) - 2.0 * _DAMPING * w * v)
+            v += dt_s / fine * (w * w * (goal - x) - 2.0 * vehicle.damping * w * v)
             x += dt_s / fine * v
     return result
 
@@ -116,10 +118,11 @@ def remove_explained(values: Array, motion: MotionSeries) -> Array:
     dt = float(np.clip(np.median(np.diff(motion.timestamps_s)), 0.02, 0.5)) if len(values) > 1 else 0.1
     result = values.copy()
     lag = max(2, round(0.5 / dt))
+    lean = float(np.deg2rad(motion.vehicle.lean_sigma_deg))
     if len(values) <= 3 * lag:
         return result
     for axis, cause in ((1, motion.longitudinal), (2, motion.lateral)):
-        cause = _sprung(cause, dt)
+        cause = _sprung(cause, dt, motion.vehicle)
         dx, dc = values[lag:, axis] - values[:-lag, axis], cause[lag:] - cause[:-lag]
         known = np.isfinite(dx)
         dx, dc = dx[known], dc[known]
@@ -129,7 +132,7 @@ def remove_explained(values: Array, motion: MotionSeries) -> Array:
         for _ in range(15):
             residual = dx - gain * dc
             scale = max(mad_sigma(residual), 1e-6)
-            weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) / scale**2
-            gain = float((weight * dc * dx).sum() / ((weight * dc * dc).sum() + 1.0 / _GAIN_PRIOR**2))
+            weight = cauchy_weights(residual, scale) / scale**2
+            gain = float((weight * dc * dx).sum() / ((weight * dc * dc).sum() + 1.0 / lean**2))
         result[:, axis] -= gain * cause
     return result

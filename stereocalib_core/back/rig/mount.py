@@ -9,14 +9,11 @@ import numpy as np
 from stereocalib_core.back.rig.body_motion import MotionSeries, remove_explained
 from stereocalib_core.back.rig.over_wheels import over_wheels
 from stereocalib_core.back.rig.shift_alarm import Shift
+from stereocalib_core.config import MountConfig
+from stereocalib_core.config.back import WheelsConfig
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.robust import mad_sigma
+from stereocalib_core.numeric.robust import cauchy_mean, mad_sigma
 from stereocalib_core.results import FrameResult, Measured, Rig
-
-_BLOCK = 30
-"""Frames whose body motion may be alike: sigma comes from means over so many."""
-_LEAST_SIGMA = (0.001, float(np.deg2rad(0.005)), float(np.deg2rad(0.005)))
-"""Height [m], pitch, roll [rad]: what no length of one drive removes (load, tyres, the road's own shape)."""
 
 
 def estimate_mount(
@@ -25,6 +22,8 @@ def estimate_mount(
     yaw: Measured | None = None,
     lever_arm: Measured | None = None,
     shifts: Sequence[Shift] = (),
+    config: MountConfig | None = None,
+    road_under: WheelsConfig | None = None,
 ) -> Rig:
     """The rig as this drive leaves it, from each pair's own values.
 
@@ -32,6 +31,8 @@ def estimate_mount(
     what acceleration explains taken out. After a step
     among `shifts` only the frames since then count, axis by axis. Axes without any measurement are None.
     """
+    config = config or MountConfig()
+    floors = (config.floor_height_m, *np.deg2rad([config.floor_angle_deg] * 2).tolist())
     values = np.full((len(results), 3), np.nan)
     for i, r in enumerate(results):
         if r.road is not None:
@@ -39,7 +40,7 @@ def estimate_mount(
             values[i] = e.height_m, e.pitch_rad, e.roll_rad
     steady = np.ones(len(results), dtype=bool)
     if motion is not None and len(results):
-        wheels = over_wheels(values, motion)
+        wheels = over_wheels(values, motion, road_under)
         # A drive of a few metres never comes to where it saw the road.
         values = remove_explained(wheels if np.isfinite(wheels).any() else values, motion)
         steady = motion.steady
@@ -48,24 +49,22 @@ def estimate_mount(
     for k, axis in enumerate(("height", "pitch", "roll")):
         since = max((s.frame for s in shifts if s.axis == axis and s.kind == "step"), default=-1)
         known = np.isfinite(values[:, k]) & (frames >= since)
-        chosen = known & steady if (known & steady).sum() >= 2 * _BLOCK else known
-        axes.append(_mean(values[chosen, k], _LEAST_SIGMA[k]))
+        chosen = known & steady if (known & steady).sum() >= 2 * config.alike_frames else known
+        axes.append(_mean(values[chosen, k], floors[k], config.alike_frames))
     return Rig(axes[0], axes[1], axes[2], yaw, lever_arm)
 
 
-def _mean(values: Array, least_sigma: float) -> Measured | None:
+def _mean(values: Array, least_sigma: float, alike: int) -> Measured | None:
     """Robust mean; its sigma from the scatter of block means, so that slow swings count as what they are."""
     if len(values) == 0:
         return None
     centre = float(np.median(values))
-    spread = max(mad_sigma(values - centre), 1e-12)
-    for _ in range(20):
-        weight = 1.0 / (1.0 + ((values - centre) / (2.0 * spread)) ** 2)
-        centre = float((weight * values).sum() / weight.sum())
-    count = len(values) // _BLOCK
+    spread = max(mad_sigma(values, centre), 1e-12)
+    centre = cauchy_mean(values, centre, spread)
+    count = len(values) // alike
     if count >= 4:
-        blocks = np.median(values[: count * _BLOCK].reshape(count, _BLOCK), axis=1)
+        blocks = np.median(values[: count * alike].reshape(count, alike), axis=1)
         sigma = mad_sigma(blocks, None) / np.sqrt(count)
     else:
-        sigma = spread / np.sqrt(max(len(values) / _BLOCK, 1.0))
+        sigma = spread / np.sqrt(max(len(values) / alike, 1.0))
     return Measured(centre, float(np.hypot(sigma, least_sigma)))

@@ -11,12 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from stereocalib_core.config.back import NoiseBankConfig
 from stereocalib_core.numeric.arrays import Array
-
-BODY_FACTORS = (0.18, 0.35, 0.7, 1.4, 2.8)
-"""On the nominal standard deviation of the body's motion."""
-NOISE_FACTORS = (0.35, 0.6, 1.0, 1.7, 3.0)
-"""On the stated standard deviation of the measurement."""
 
 
 @njit(cache=True)
@@ -32,10 +28,11 @@ def step_bank(
     body_factors: Array,
     noise_factors: Array,
     forget: float,
+    most: float,
 ) -> None:
     """One frame of one axis, in place. states (B, M, 3), covariances (B, M, 3, 3), scores (B, M) log-weights.
 
-    F: (3, 3) transition. Q_body: (2, 2) for body factor 1. z NaN: predict only.
+    F: (3, 3) transition. Q_body: (2, 2) for body factor 1. z NaN: predict only. most: largest surprise.
     """
     for i in range(len(body_factors)):
         for j in range(len(noise_factors)):
@@ -53,8 +50,8 @@ def step_bank(
                 R = variance * noise_factors[j] ** 2
                 S = P[0, 0] + 2.0 * P[0, 1] + P[1, 1] + R
                 nu = z - x[0] - x[1]
-                # One wild frame must not rule out a model: beyond six sigma a surprise costs no more.
-                surprise = min(nu * nu / S, 36.0)
+                # One wild frame must not rule out a model: beyond `most` a surprise costs no more.
+                surprise = min(nu * nu / S, most)
                 scores[i, j] = forget * scores[i, j] - 0.5 * np.log(S) - 0.5 * surprise
                 K = (P[:, 0] + P[:, 1]) / S
                 x = x + K * nu
@@ -66,9 +63,17 @@ def step_bank(
 class NoiseBank:
     """The grid of one axis; `factors` gives the body and noise factors it believes in."""
 
-    def __init__(self, z: float, variance: float, body_variance: float, velocity_variance: float) -> None:
-        self._body = np.array(BODY_FACTORS)
-        self._noise = np.array(NOISE_FACTORS)
+    def __init__(
+        self,
+        config: NoiseBankConfig,
+        z: float,
+        variance: float,
+        body_variance: float,
+        velocity_variance: float,
+    ) -> None:
+        self._most = config.surprise
+        self._body = np.array(config.body_factors)
+        self._noise = np.array(config.noise_factors)
         shape = (len(self._body), len(self._noise))
         self._states = np.zeros((*shape, 3))
         self._states[..., 0] = z
@@ -77,8 +82,8 @@ class NoiseBank:
         self._covariances[..., 1, 1] = body_variance
         self._covariances[..., 2, 2] = velocity_variance
         # The stated values are believed until the data speak: a weak prior about the middle of the grid.
-        lb, ln = np.log(self._body / 0.7)[:, None], np.log(self._noise)[None, :]
-        self._prior = -0.5 * (lb / 0.8) ** 2 - 0.5 * (ln / 0.35) ** 2
+        lb, ln = np.log(self._body / config.body_middle)[:, None], np.log(self._noise)[None, :]
+        self._prior = -0.5 * (lb / config.body_prior) ** 2 - 0.5 * (ln / config.noise_prior) ** 2
         self._scores = np.zeros(shape)
 
     def step(self, F: Array, Q_mount: float, Q_body: Array, z: float, variance: float, forget: float) -> None:
@@ -95,6 +100,7 @@ class NoiseBank:
             self._body,
             self._noise,
             forget,
+            self._most,
         )
 
     def factors(self) -> tuple[float, float]:

@@ -11,20 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.back.rig.body_motion import MotionSeries
+from stereocalib_core.config.back import WheelsConfig
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
 
-_AHEAD_M, _HALF_M = 7.0, 1.5
-"""Where a pair sees the road best, ahead of the wheels, and half the stretch of planes that are averaged."""
-_MIN_PLANES = 2
 
-
-def over_wheels(values: Array, motion: MotionSeries) -> Array:
+def over_wheels(values: Array, motion: MotionSeries, config: WheelsConfig | None = None) -> Array:
     """(N, 3) height [m], pitch, roll [rad] over the road under the wheels; NaN where it was not seen before.
 
     values: (N, 3) over the road ahead, NaN = unknown. Without poses in `motion` there is nothing to carry the
     planes with, and `values` are given back.
     """
+    config = config or WheelsConfig()
     if motion.poses is None or len(values) < 2:
         return values
     tracked = np.ones(len(values), dtype=bool) if motion.tracked is None else motion.tracked
@@ -36,13 +34,13 @@ def over_wheels(values: Array, motion: MotionSeries) -> Array:
     normal = np.einsum("nij,nj->ni", R, down)
     offset = np.einsum("ni,ni->n", normal, position) + height
     known = np.asarray(np.isfinite(values).all(axis=1))
-    first = np.searchsorted(travelled, travelled - (_AHEAD_M + _HALF_M))
-    stop = np.searchsorted(travelled, travelled - (_AHEAD_M - _HALF_M))
+    first = np.searchsorted(travelled, travelled - (config.ahead_m + config.half_m))
+    stop = np.searchsorted(travelled, travelled - (config.ahead_m - config.half_m))
     result = np.full(values.shape, np.nan)
     for i in range(len(values)):
         j = np.arange(first[i], stop[i])
         j = j[known[j] & (breaks[j] == breaks[i])]
-        if len(j) < _MIN_PLANES:
+        if len(j) < config.min_planes:
             continue
         mean = normal[j].mean(axis=0)
         x, y, z = R[i].T @ (mean / np.linalg.norm(mean))

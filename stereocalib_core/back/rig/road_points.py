@@ -12,28 +12,27 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from stereocalib_core.config import RoadPointsConfig
+from stereocalib_core.config import LaneConfig, RoadPointsConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult
 
-_ROUNDS, _SOFT_ROUNDS = 14, 4
-_LEAST_SCALE = 0.3
-
 
 @njit(cache=True, nogil=True)
-def fit_plane(rays: Array, noise: Array) -> tuple[Array, Array]:
+def fit_plane(
+    rays: Array, noise: Array, rounds: int, soft_rounds: int, least_scale: float
+) -> tuple[Array, Array]:
     """(3,) coefficients of disparity = a y + b x + c [px] and their (3, 3) covariance.
 
     rays: (3, M) x = (u - cx) / f, y = (v - cy) / f, disparity [px]. noise: (M,) standard deviation of each
-    disparity. Weights fall off gently at first, so that the first plane may be a poor one, and then to nothing:
-    a kerb beside a bend is a fifth of the points.
+    disparity. Weights fall off gently for the first `soft_rounds` of `rounds`, so that the first plane may be a
+    poor one, and then to nothing: a kerb beside a bend is a fifth of the points.
     """
     m = rays.shape[1]
     weight, residual = 1.0 / noise**2, np.empty(m)
     normal, solution, scale = np.zeros((3, 3)), np.zeros(3), 1.0
-    for k in range(_ROUNDS):
+    for k in range(rounds):
         normal[:], right = 0.0, np.zeros(3)
         for i in range(m):
             row = (rays[1, i], rays[0, i], 1.0)
@@ -47,8 +46,8 @@ def fit_plane(rays: Array, noise: Array) -> tuple[Array, Array]:
         for i in range(m):
             plane = solution[0] * rays[1, i] + solution[1] * rays[0, i] + solution[2]
             residual[i] = (rays[2, i] - plane) / noise[i]
-        scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), _LEAST_SCALE)
-        power = 1 if k < _SOFT_ROUNDS else 3
+        scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), least_scale)
+        power = 1 if k < soft_rounds else 3
         for i in range(m):
             weight[i] = 1.0 / (noise[i] ** 2 * (1.0 + (residual[i] / (2.0 * scale)) ** 2) ** power)
     covariance = np.empty((3, 3))
@@ -57,7 +56,7 @@ def fit_plane(rays: Array, noise: Array) -> tuple[Array, Array]:
 
 
 def road_planes(
-    camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig
+    camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig, lane: LaneConfig
 ) -> tuple[Array, Array]:
     """(N, 3) height [m], pitch, roll [rad] by the road points of each frame and (N, 3, 3); NaN where there are few."""
     points: list[list[Array]] = [[] for _ in results]
@@ -71,23 +70,25 @@ def road_planes(
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
     for i, parts in enumerate(points):
         if parts:
-            values[i], covariance[i] = _plane(camera, np.concatenate(parts), config)
+            values[i], covariance[i] = _plane(camera, np.concatenate(parts), config, lane)
     return values, covariance
 
 
-def _plane(camera: StereoCamera, points: Array, config: RoadPointsConfig) -> tuple[Array, Array]:
+def _plane(
+    camera: StereoCamera, points: Array, config: RoadPointsConfig, lane: LaneConfig
+) -> tuple[Array, Array]:
     """The plane through (M, 3) u, v, disparity of road points within the lane."""
     f, b = camera.focal_px, camera.baseline_m
-    points = points[np.isfinite(points).all(axis=1) & (points[:, 2] > f * b / config.far_m)]
+    points = points[np.isfinite(points).all(axis=1) & (points[:, 2] > f * b / lane.far_m)]
     x, y, d = (points[:, 0] - camera.cx_px) / f, (points[:, 1] - camera.cy_px) / f, points[:, 2]
-    lane = (np.abs(x) * f * b < config.lane_half_width_m * d) & (d < f * b / config.near_m)
+    inside = (np.abs(x) * f * b < lane.half_width_m * d) & (d < f * b / lane.near_m)
     nothing = np.full(3, np.nan), np.full((3, 3), np.nan)
-    if lane.sum() < config.min_points:
+    if inside.sum() < config.min_points:
         return nothing
-    rays = np.ascontiguousarray(np.stack([x, y, d])[:, lane])
+    rays = np.ascontiguousarray(np.stack([x, y, d])[:, inside])
     # disparity grows with the height of the camera: d / h is how much a bump of one metre takes away
     noise = np.hypot(config.noise_px, config.unevenness_m / config.road_height_m * rays[2])
-    (a, c_x, c), covariance = fit_plane(rays, noise)
+    (a, c_x, c), covariance = fit_plane(rays, noise, config.rounds, config.soft_rounds, config.least_scale)
     if not a > 0.0:
         return nothing
     pitch = np.arctan2(c, a)

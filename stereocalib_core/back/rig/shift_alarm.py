@@ -35,13 +35,6 @@ Axis = Literal["height", "pitch", "roll", "yaw"]
 UNSEEN = "A shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen."
 """What a user is told beside the shifts that were found."""
 
-_HORIZONS = (15, 30, 60)
-"""Frames after a shift by which it may be certain."""
-_MOST_STEPS = 6
-_STANDING_M_S = 1.0
-_BLOCK, _DRIFT_BLOCKS = 20, 10
-"""Frames whose median is one level, and levels that a drift needs: a short stretch of road looks like drift."""
-
 
 @dataclass(frozen=True)
 class Shift:
@@ -86,12 +79,12 @@ def find_shifts(
     wheels = slow = values
     witnessed = motion is not None and motion.poses is not None
     if motion is not None and len(results):
-        wheels = remove_explained(over_wheels(values, motion), motion)
+        wheels = remove_explained(over_wheels(values, motion, config.wheels), motion)
         values = remove_explained(values, motion)
         # A standing car sees one scene, errors and all, again and again: no drift to judge by. And roads bank
         # more often than they rise.
         slow = np.column_stack([values[:, :2], wheels[:, 2]])
-        slow[np.abs(motion.speed) < _STANDING_M_S] = np.nan
+        slow[np.abs(motion.speed) < config.standing_m_s] = np.nan
         steady = motion.steady
     frames = np.array([r.frame for r in results], dtype=np.int64)
     angle, height = float(np.deg2rad(config.least_angle_deg)), config.least_height_m
@@ -102,7 +95,7 @@ def find_shifts(
         ("roll", angle, noise),
     ]
     shifts: list[Shift] = []
-    wild = wild_stretches(wheels) if witnessed else []
+    wild = wild_stretches(wheels, config.turmoil) if witnessed else []
     for k, (axis, least, least_noise) in enumerate(axes):
         witness = values[:, k] if witnessed else None
         steps = _steps(wheels[:, k], witness, steady, wild, least, least_noise, config)
@@ -126,10 +119,12 @@ def _steps(
     """Steps one by one, surest first, each taken out before the next is looked for."""
     series, witness = series.copy(), None if witness is None else witness.copy()
     steps: list[Step] = []
-    for _ in range(_MOST_STEPS):
-        step = find_step(series, steady, _HORIZONS, least, noise, config.threshold, witness)
+    for _ in range(config.most_steps):
+        step = find_step(
+            series, steady, config.horizons, least, noise, config.threshold, witness, config.steps
+        )
         if step is None:
-            step = find_hidden_step(series, wild, least, noise, witness)
+            step = find_hidden_step(series, wild, least, noise, witness, config.turmoil)
         if step is None:
             break
         steps.append(step)
@@ -164,9 +159,9 @@ def _drift(
 ) -> Shift | None:
     """A slow change between the ends of the drive that no step explains."""
     index = np.flatnonzero(np.isfinite(series))
-    if len(index) < _DRIFT_BLOCKS * _BLOCK:
+    if len(index) < config.drift_blocks * config.drift_block:
         return None
-    block = max(_BLOCK, len(index) // 60)
+    block = max(config.drift_block, len(index) // config.drift_levels)
     values = series[index]
     count = len(values) // block
     level = np.median(values[: count * block].reshape(count, block), axis=1)

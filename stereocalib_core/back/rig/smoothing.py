@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stereocalib_core.back.rig.road_points import lean_on, road_planes
-from stereocalib_core.config import FilterConfig
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import FilteredExtrinsics, FrameResult
@@ -18,14 +18,12 @@ if TYPE_CHECKING:
 
 
 def filter_drive(
-    results: Sequence[FrameResult],
-    config: FilterConfig | None = None,
-    dense: StereoCamera | None = None,
+    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig | None = None
 ) -> FilteredExtrinsics:
     """The filtered extrinsics of a drive.
 
-    dense: the camera, where the results are of the method `paper`. Its stated covariance knows nothing of camber
-    and twist, and tracked road points count where they are surer; the direct alignment is as sure as they are.
+    With the method `paper`, whose stated covariance knows nothing of camber and twist, tracked road points count
+    where they are surer; the direct alignment is as sure as they are.
 
     With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
     was predicted stays as it was predicted: later frames do not bridge a gap.
@@ -33,17 +31,17 @@ def filter_drive(
     # not before a drive is filtered: filterpy brings half a second of imports
     from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance
 
-    config = config or FilterConfig()
-    rig = RigFilter(config)
+    config = config or PipelineConfig()
+    rig = RigFilter(config.filter, config.vehicle)
     steps: list[FilterStep] = []
     persistent: list[Array] = []
-    measured, covariances = _measured(results, config, dense)
+    measured, covariances = _measured(results, camera, config)
     for result, z, R in zip(results, measured, covariances, strict=True):
         steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
         persistent.append(rig.persistent)
     values = np.array([s.values for s in steps]).reshape(-1, 3)
     covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
-    if config.look_ahead:
+    if config.filter.look_ahead:
         for first, last in _stretches(steps):
             for i, (x, P) in zip(
                 range(last, first - 1, -1), _backwards(steps[first : last + 1]), strict=True
@@ -55,7 +53,7 @@ def filter_drive(
 
 
 def _measured(
-    results: Sequence[FrameResult], config: FilterConfig, dense: StereoCamera | None
+    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
 ) -> tuple[Array, Array]:
     """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
@@ -63,9 +61,10 @@ def _measured(
         if result.road is not None:
             e = result.road.extrinsics
             values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
-    if dense is None:
+    if config.method != "paper":
         return values, covariance
-    return lean_on(values, covariance, *road_planes(dense, results, config.road_points), config.road_points)
+    points = config.filter.road_points
+    return lean_on(values, covariance, *road_planes(camera, results, points, config.lane), points)
 
 
 def _bends(results: Sequence[FrameResult]) -> Array:

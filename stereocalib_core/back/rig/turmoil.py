@@ -11,66 +11,63 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from stereocalib_core.back.rig.change_points import Step
+from stereocalib_core.config.steps import TurmoilConfig
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD, mad_sigma
 
-_LOCAL, _WILD = 21, 6.0
-"""Frames of the running median; wild is what lies off it by so many usual deviations. A step alone does not."""
-_JOINED, _LEAD, _SETTLE, _LONGEST = 6, 3, 5, 30
-"""Wild frames so near make one stretch; margins before and behind it, where springs settle; no longer than this."""
-_LEVELS = (30, 45)
-"""Frames on either side that make a level; a step is told by the first or, surer, by the second."""
-_LEAST_SCORE, _LEAST_SIZE = 4.5, 1.35
-"""In deviations of calm stretches, and in least sizes."""
-_LEAST_NOISE = 3.0
-"""Levels differ by at least so many times the least deviation of one value: a short drive may look calmer."""
-_EACH_HALF = 0.6
-"""Each half of both levels must bear out so much of the step."""
-_CALM_PLACES = 40
-"""Fewer calm places say nothing of what a difference is worth."""
 
-
-def wild_stretches(values: Array) -> list[tuple[int, int]]:
+def wild_stretches(values: Array, config: TurmoilConfig | None = None) -> list[tuple[int, int]]:
     """First and last + 1 of stretches in which any column of (N, K) values swings far beyond its usual."""
+    config = config or TurmoilConfig()
     wild = np.zeros(len(values), dtype=bool)
     at = np.arange(len(values))
     for column in values.T:
         known = np.isfinite(column)
-        if known.sum() < 3 * _LOCAL:
+        if known.sum() < 3 * config.window:
             continue
         filled = np.interp(at, at[known], column[known])
-        off = np.abs(filled - median_filter(filled, size=_LOCAL, mode="nearest"))
-        wild |= known & (off > _WILD * SIGMA_PER_MAD * np.median(off[known]))
+        off = np.abs(filled - median_filter(filled, size=config.window, mode="nearest"))
+        wild |= known & (off > config.wild * SIGMA_PER_MAD * np.median(off[known]))
     frames = np.flatnonzero(wild)
-    groups = np.split(frames, np.flatnonzero(np.diff(frames) > _JOINED) + 1)
-    stretches = [(int(g[0]) - _LEAD, int(g[-1]) + 1 + _SETTLE) for g in groups if len(g) > 1]
-    return [(max(first, 0), stop) for first, stop in stretches if stop - first <= _LONGEST]
+    groups = np.split(frames, np.flatnonzero(np.diff(frames) > config.joined) + 1)
+    stretches = [(int(g[0]) - config.lead, int(g[-1]) + 1 + config.settle) for g in groups if len(g) > 1]
+    return [(max(first, 0), stop) for first, stop in stretches if stop - first <= config.longest]
 
 
 def find_hidden_step(
-    series: Array, stretches: list[tuple[int, int]], least: float, noise: float, witness: Array | None = None
+    series: Array,
+    stretches: list[tuple[int, int]],
+    least: float,
+    noise: float,
+    witness: Array | None = None,
+    config: TurmoilConfig | None = None,
 ) -> Step | None:
     """The surest lasting step of (N,) values, NaN = unknown, across one of the stretches; None without one.
 
     least: smallest size of a step seen in the open; noise: least standard deviation of one value. witness: (N,)
     the same measured otherwise, which must show the step as well. The onset is the middle of the stretch.
     """
+    config = config or TurmoilConfig()
     calm = series.copy()
     for first, stop in stretches:
         calm[first:stop] = np.nan
     best: Step | None = None
     for first, stop in stretches:
-        for count in _LEVELS:
+        for count in config.levels:
             sides = _sides(calm, first, stop, count)
             if sides is None:
                 continue
             size = _rise(*sides)
-            deviation = max(_usual_rise(calm, stop - first, count), _LEAST_NOISE * noise)
+            deviation = max(
+                _usual_rise(calm, stop - first, count, config.calm_places), config.least_noise * noise
+            )
             score = abs(size) / deviation
-            if score < _LEAST_SCORE or abs(size) < _LEAST_SIZE * least or not _borne_out(*sides, size):
+            if score < config.least_score or abs(size) < config.least_size * least:
+                continue
+            if not _borne_out(*sides, size, config.each_half):
                 continue
             seen = None if witness is None else _sides(witness, first, stop, count)
-            if witness is not None and (seen is None or _rise(*seen) / size < _EACH_HALF):
+            if witness is not None and (seen is None or _rise(*seen) / size < config.each_half):
                 continue
             if best is None or score > best.score:
                 certain = int(np.flatnonzero(np.isfinite(calm[stop:]))[count - 1]) + stop
@@ -90,18 +87,18 @@ def _rise(before: Array, after: Array) -> float:
     return float(np.median(after) - np.median(before))
 
 
-def _borne_out(before: Array, after: Array, size: float) -> bool:
+def _borne_out(before: Array, after: Array, size: float, share: float) -> bool:
     half = len(before) // 2
     parts = (before[:half], before[half:]), (after[:half], after[half:])
-    return min(_rise(b, a) / size for b in parts[0] for a in parts[1]) > _EACH_HALF
+    return min(_rise(b, a) / size for b in parts[0] for a in parts[1]) > share
 
 
-def _usual_rise(calm: Array, length: int, count: int) -> float:
+def _usual_rise(calm: Array, length: int, count: int, least_places: int) -> float:
     """1 sigma of the difference of levels across stretches of this length with nothing in them; inf = unknown."""
     rises = []
     for first in range(count, len(calm) - length - count + 1, 3):
         if np.isfinite(calm[first - count : first + length + count]).all():
             rises.append(_rise(calm[first - count : first], calm[first + length : first + length + count]))
-    if len(rises) < _CALM_PLACES:
+    if len(rises) < least_places:
         return float("inf")
     return mad_sigma(np.array(rises))

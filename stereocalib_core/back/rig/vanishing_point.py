@@ -12,12 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config import YawConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-
-_SAMPLES = 80
-_MIN_FLOW_PX = 0.7
-"""A shorter track has no direction."""
 
 
 @dataclass(frozen=True)
@@ -142,21 +139,22 @@ def vanishing_points(
     active: NDArray[np.bool_],
     tolerance: float,
     least_flow: float,
+    samples: int,
 ) -> Array:
     """(N, 4) of `find_vanishing_point` for every active pair; rotations: (N, 3, 3) R_current_previous."""
     result = np.full((len(active), 4), np.nan)
     for i in range(len(active)):
         if active[i]:
             tracks = derotate(np.ascontiguousarray(rays[:, start[i] : end[i]]), rotations[i])
-            result[i] = find_vanishing_point(tracks, tolerance, least_flow, _SAMPLES, i)
+            result[i] = find_vanishing_point(tracks, tolerance, least_flow, samples, i)
     return result
 
 
-def view_pair(camera: StereoCamera, rays: Array, rotation: Array, tolerance_px: float) -> VanishingPointView:
+def view_pair(camera: StereoCamera, rays: Array, rotation: Array, config: YawConfig) -> VanishingPointView:
     """Lines, intersections and vanishing point of one pair, for display; `rays` (5, M) of its road tracks."""
-    f = camera.focal_px
+    f, tolerance, flow = camera.focal_px, config.tolerance_px, config.min_flow_px
     tracks = derotate(np.ascontiguousarray(rays), rotation)
-    found = find_vanishing_point(tracks, tolerance_px / f, _MIN_FLOW_PX / f, _SAMPLES, 0)
+    found = find_vanishing_point(tracks, tolerance / f, flow / f, config.samples, 0)
     centre = np.array([camera.cx_px, camera.cy_px])
     point = centre + f * found[:2]
     pixels = (tracks.reshape(2, 2, -1) * f + centre[None, :, None]).reshape(4, -1).T
@@ -164,8 +162,8 @@ def view_pair(camera: StereoCamera, rays: Array, rotation: Array, tolerance_px: 
     crossings = []
     if np.isfinite(point).all():
         misses = np.array([_miss(tracks, k, found[0], found[1]) for k in range(tracks.shape[1])])
-        moved = np.hypot(tracks[2] - tracks[0], tracks[3] - tracks[1]) > _MIN_FLOW_PX / f
-        inlier = (np.abs(misses) < tolerance_px / f) & moved
+        moved = np.hypot(tracks[2] - tracks[0], tracks[3] - tracks[1]) > flow / f
+        inlier = (np.abs(misses) < tolerance / f) & moved
         chosen = np.flatnonzero(inlier)[:: max(1, int(inlier.sum()) // 40)]
         for n, i in enumerate(chosen):
             for j in chosen[n + 1 :]:
@@ -173,8 +171,3 @@ def view_pair(camera: StereoCamera, rays: Array, rotation: Array, tolerance_px: 
                 if met:
                     crossings.append(centre + f * np.array([x, y]))
     return VanishingPointView(pixels, inlier, np.array(crossings).reshape(-1, 2), point)
-
-
-def flow_limit(camera: StereoCamera) -> float:
-    """The shortest track with a direction, in normalised units."""
-    return _MIN_FLOW_PX / camera.focal_px

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.trajectory import (
-    DEFAULT_LEVER_ARM_M,
     Trajectory,
     TrajectorySettings,
     fill_missing,
@@ -29,28 +28,15 @@ from stereocalib_core.back.odometry.trajectory import (
 )
 from stereocalib_core.back.rig.vanishing_point import (
     VanishingPointView,
-    flow_limit,
     vanishing_points,
     view_pair,
 )
-from stereocalib_core.config import YawConfig
+from stereocalib_core.config import OdometryConfig, VehicleConfig, YawConfig
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.robust import mad_sigma
+from stereocalib_core.numeric.robust import cauchy_weights, mad_sigma
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 from stereocalib_core.results import Measured
-
-_BLOCK = 8
-"""Pairs whose errors may be alike (the same stretch of road): sigma comes from means over so many."""
-
-
-_TURN_RAD, _TURN_PAIRS = 0.02, 8
-"""So many pairs must turn by so much to show the lever arm."""
-_DEFAULT_LEVER_SIGMA_M = 0.3
-_SWAY_M, _SWAY_SIGMA_M = 1.2, 0.4
-"""Camera over the axis about which car and road roll: sideways motion per roll; and how far that may differ."""
-_PAIR_SIGMA = float(np.deg2rad(0.05))
-"""1 sigma of the yaw of one pair, for the weight of `_SWAY_M` against the drive's own."""
 
 
 @dataclass(frozen=True)
@@ -85,17 +71,23 @@ def roll_per_metre(tracks: PackedTracks, distance_m: Array, usable: NDArray[np.b
     return np.asarray(np.where(travel > 0.5, _sum_of_five(roll) / np.maximum(travel, 0.5), 0.0))
 
 
-def without_sway(values: Array, roll: Array) -> Array:
+def without_sway(
+    values: Array, roll: Array, vehicle: VehicleConfig | None = None, config: YawConfig | None = None
+) -> Array:
     """(M,) yaw of pairs without the part that goes with (M,) roll per metre; the arm fitted robustly."""
-    arm, level = _SWAY_M, float(np.median(values))
+    vehicle, config = vehicle or VehicleConfig(), config or YawConfig()
+    pair_sigma = float(np.deg2rad(config.pair_sigma_deg))
+    arm, level = vehicle.sway_m, float(np.median(values))
     for _ in range(10):
         residual = values - level - arm * roll
         spread = max(mad_sigma(residual), 1e-7)
-        weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
+        weight = cauchy_weights(residual, spread)
         level = float((weight * (values - arm * roll)).sum() / weight.sum())
-        prior = (max(spread, _PAIR_SIGMA) / _SWAY_SIGMA_M) ** 2
+        prior = (max(spread, pair_sigma) / vehicle.sway_sigma_m) ** 2
         information = float((weight * roll * roll).sum())
-        arm = (float((weight * roll * (values - level)).sum()) + prior * _SWAY_M) / (information + prior)
+        arm = (float((weight * roll * (values - level)).sum()) + prior * vehicle.sway_m) / (
+            information + prior
+        )
     return np.asarray(values - arm * roll)
 
 
@@ -134,25 +126,29 @@ def view(tracks: PackedTracks, frame: int, config: YawConfig | None = None) -> V
         return None
     rays = tracks.rays[:, tracks.start[frame] : tracks.road_end[frame]]
     rotation = rotation_from_vector(tracks.stereo_motion[frame, :3])
-    return view_pair(tracks.camera, rays, rotation, config.tolerance_px)
+    return view_pair(tracks.camera, rays, rotation, config)
 
 
 def estimate_yaw(
-    tracks: PackedTracks, extrinsics: Array, config: YawConfig | None = None, lever: Measured | None = None
+    tracks: PackedTracks,
+    extrinsics: Array,
+    config: YawConfig | None = None,
+    lever: Measured | None = None,
+    vehicle: VehicleConfig | None = None,
 ) -> YawEstimate:
     """The mounting yaw of a drive, or the reason why it shows none.
 
     extrinsics: (N, 3) height, pitch, roll of every frame, NaN = unknown. lever: of the rig file, if known;
     else it is estimated from the drive's own turns.
     """
-    config = config or YawConfig()
+    config, vehicle = config or YawConfig(), vehicle or VehicleConfig()
     full = np.column_stack([extrinsics[:, :3], np.zeros(len(extrinsics))])
     motion = trajectory(tracks, full, TrajectorySettings(model="full"))
     turn, distance = motion.planar[:, 2], motion.planar[:, 1]
     usable = motion.measured & (tracks.previous >= 0)
     straight = straight_pairs(distance, turn, usable, config)
     if lever is None:
-        lever = _lever(motion)
+        lever = _lever(motion, vehicle, tracks.config)
     pairs = np.full(len(tracks), np.nan)
 
     def refuse(reason: str) -> YawEstimate:
@@ -175,26 +171,28 @@ def estimate_yaw(
         pair_rotations(tracks),
         straight,
         tolerance,
-        flow_limit(camera),
+        config.min_flow_px / camera.focal_px,
+        config.samples,
     )
     use = straight & (found[:, 2] >= config.min_tracks)
     origin = np.maximum(tracks.previous, 0)
-    to_road = np.swapaxes(road_rotation(*fill_missing(full)[:, 1:3].T), 1, 2)[origin]
+    filled = fill_missing(full)
+    to_road = np.swapaxes(road_rotation(filled[:, 1], filled[:, 2]), 1, 2)[origin]
     direction = np.einsum("nij,nj->ni", to_road, np.column_stack([found[:, :2], np.ones(len(found))]))
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = np.where(use, turn / np.where(use, distance, 1.0), 0.0)
     azimuth = np.arctan2(direction[:, 0], direction[:, 2])
     pairs = np.where(use, azimuth - 0.5 * turn - lever.value * curvature, np.nan)
     if use.any():
-        pairs[use] = without_sway(pairs[use], roll_per_metre(tracks, distance, usable)[use])
+        pairs[use] = without_sway(pairs[use], roll_per_metre(tracks, distance, usable)[use], vehicle, config)
     values = pairs[use]
     if len(values) < config.min_pairs:
         return refuse(
             f"too few road tracks on the straights: {len(values)} pairs of frames show a vanishing point, "
             f"at least {config.min_pairs} are needed"
         )
-    yaw, inlier, sigma = _consensus(values, np.deg2rad(config.pair_tolerance_deg))
-    if inlier.sum() < max(config.min_pairs, 0.3 * len(values)):
+    yaw, inlier, sigma = _consensus(values, np.deg2rad(config.pair_tolerance_deg), config.alike_pairs)
+    if inlier.sum() < max(config.min_pairs, config.min_inlier_share * len(values)):
         return refuse(
             f"the vanishing points do not agree: {int(inlier.sum())} of {len(values)} pairs of frames"
         )
@@ -204,20 +202,23 @@ def estimate_yaw(
     return YawEstimate(yaw, sigma, None, int(inlier.sum()), lever.value, lever.sigma, pairs, straight)
 
 
-def _lever(motion: Trajectory) -> Measured:
+def _lever(motion: Trajectory, vehicle: VehicleConfig, config: OdometryConfig) -> Measured:
     """Rear axle to camera from the drive's turns; the default with a wide sigma where it has none.
 
     Without turns a regression would read the lever arm from the noise of the headings.
     """
     found = None
-    if np.count_nonzero(motion.measured & (np.abs(motion.planar[:, 2]) > _TURN_RAD)) >= _TURN_PAIRS:
-        found = estimate_lever_and_yaw(motion)
-    if found is None or found.lever_arm_sigma_m > _DEFAULT_LEVER_SIGMA_M:
-        return Measured(DEFAULT_LEVER_ARM_M, _DEFAULT_LEVER_SIGMA_M)
+    if (
+        np.count_nonzero(motion.measured & (np.abs(motion.planar[:, 2]) > config.turn_rad))
+        >= config.turn_pairs
+    ):
+        found = estimate_lever_and_yaw(motion, vehicle, config)
+    if found is None or found.lever_arm_sigma_m > vehicle.lever_arm_sigma_m:
+        return Measured(vehicle.lever_arm_m, vehicle.lever_arm_sigma_m)
     return Measured(found.lever_arm_m, found.lever_arm_sigma_m)
 
 
-def _consensus(values: Array, tolerance: float) -> tuple[float, NDArray[np.bool_], float]:
+def _consensus(values: Array, tolerance: float, alike: int) -> tuple[float, NDArray[np.bool_], float]:
     """RANSAC over the pairs (every pair is a hypothesis), then a robust mean; value, inliers, sigma."""
     hypotheses = np.sort(values)[:: max(1, len(values) // 200)]
     score = np.maximum(1.0 - ((values[None] - hypotheses[:, None]) / tolerance) ** 2, 0.0).sum(axis=1)
@@ -226,11 +227,11 @@ def _consensus(values: Array, tolerance: float) -> tuple[float, NDArray[np.bool_
     for _ in range(20):
         inside = values[inlier]
         spread = max(mad_sigma(inside, None), 1e-7)
-        weight = 1.0 / (1.0 + ((inside - centre) / (2.0 * spread)) ** 2)
+        weight = cauchy_weights(inside - centre, spread)
         centre = float((weight * inside).sum() / weight.sum())
         inlier = np.abs(values - centre) < max(min(tolerance, 5.0 * spread), 1e-6)
     inside = values[inlier]
-    blocks = [inside[i : i + _BLOCK].mean() for i in range(0, len(inside) - _BLOCK + 1, _BLOCK)]
+    blocks = [inside[i : i + alike].mean() for i in range(0, len(inside) - alike + 1, alike)]
     white = float(np.std(inside)) / np.sqrt(max(len(inside), 1))
-    alike = float(np.std(blocks, ddof=1)) / np.sqrt(len(blocks)) if len(blocks) > 1 else white
-    return centre, np.asarray(inlier), max(white, alike)
+    shared = float(np.std(blocks, ddof=1)) / np.sqrt(len(blocks)) if len(blocks) > 1 else white
+    return centre, np.asarray(inlier), max(white, shared)

@@ -15,19 +15,6 @@ from stereocalib_core.config import ShiftAlarmConfig
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
 
-_HORIZONS = (15, 30, 60)
-"""Pairs on straights after a knock by which it may be certain; so many before it are its level."""
-_BEFORE = 10
-"""Fewer pairs on straights before a knock are no level."""
-_CORRELATED = 6.0
-"""So many neighbouring pairs count as one."""
-_PULSE_SIGMAS, _LEVEL_SIGMAS = 8.0, 3.0
-_PULSE_SIGMA, _LEVEL_SIGMA = float(np.deg2rad(0.04)), float(np.deg2rad(0.02))
-"""1 sigma of jump and level that come from how bends begin and roads tilt."""
-_ALIKE = (0.5, 1.6)
-"""The level must change by the jump, within these factors."""
-_MOST = 4
-
 
 def heading_jumps(motion: MotionSeries) -> Array:
     """(N,) how far the camera turns to the left in each pair beyond what its neighbours foretell [rad].
@@ -45,6 +32,7 @@ def find_yaw_steps(pair_yaw_rad: Array, motion: MotionSeries, config: ShiftAlarm
 
     pair_yaw_rad: (N,) NaN off the straights.
     """
+    rules = config.yaw_steps
     levels, jumps = pair_yaw_rad.copy(), heading_jumps(motion)
     least = float(np.deg2rad(config.least_angle_deg))
     known = np.isfinite(jumps)
@@ -54,46 +42,48 @@ def find_yaw_steps(pair_yaw_rad: Array, motion: MotionSeries, config: ShiftAlarm
     height = np.where(known, np.abs(jumps), 0.0)
     steps: list[Step] = []
     for onset in np.argsort(-height).tolist():
-        if height[onset] < max(least, _PULSE_SIGMAS * usual) or len(steps) == _MOST:
+        if height[onset] < max(least, rules.pulse_sigmas * usual) or len(steps) == rules.most:
             break
         # The pair across the knock has a direction of travel in neither of the two poses.
         levels[onset] = np.nan
-        step = _confirmed(levels, onset, float(jumps[onset]), usual)
+        step = _confirmed(levels, onset, float(jumps[onset]), usual, config)
         if step is not None:
             steps.append(step)
             levels[onset:] -= step.size
     return steps + _unseen(levels, motion, least, config)
 
 
-def _confirmed(levels: Array, onset: int, jump: float, usual: float) -> Step | None:
+def _confirmed(levels: Array, onset: int, jump: float, usual: float, config: ShiftAlarmConfig) -> Step | None:
     """The step at a jump of the heading, as soon as the pairs on straights after it bear it out."""
+    rules = config.yaw_steps
+    pulse, level = np.deg2rad([rules.pulse_sigma_deg, rules.level_sigma_deg]).tolist()
+    low, high = rules.agree
     index = np.flatnonzero(np.isfinite(levels))
-    before = levels[index[index < onset]][-_HORIZONS[-1] :]
+    before = levels[index[index < onset]][-config.horizons[-1] :]
     after = index[index > onset]
-    if len(before) < _BEFORE:
+    if len(before) < rules.before:
         return None
     certain = None
     rise = spread = 0.0
-    for count in _HORIZONS:
-        if len(after) < count and not (certain is None and count == _HORIZONS[0] <= len(after)):
+    for count in config.horizons:
+        if len(after) < count and not (certain is None and count == config.horizons[0] <= len(after)):
             break
         values = levels[after[:count]]
         rise = float(np.median(values) - np.median(before))
-        spread = _LEVEL_SIGMA + float(np.hypot(_mean_sigma(before), _mean_sigma(values)))
-        alike = _ALIKE[0] < rise / jump < _ALIKE[1]
-        if certain is None and alike and abs(rise) > _LEVEL_SIGMAS * spread:
+        spread = level + float(np.hypot(_mean_sigma(before, rules.alike), _mean_sigma(values, rules.alike)))
+        alike = low < rise / jump < high
+        if certain is None and alike and abs(rise) > rules.level_sigmas * spread:
             certain = int(after[count - 1])
-    if certain is None or not _ALIKE[0] < rise / jump < _ALIKE[1]:
+    if certain is None or not low < rise / jump < high:
         return None
-    variances = np.array([_PULSE_SIGMA**2 + usual**2, spread**2])
+    variances = np.array([pulse**2 + usual**2, spread**2])
     weights = (1.0 / variances) / (1.0 / variances).sum()
     size, sigma = float(weights @ [jump, rise]), float(1.0 / np.sqrt((1.0 / variances).sum()))
     return Step(onset, certain, size, sigma, abs(size) / sigma)
 
 
-def _mean_sigma(values: Array) -> float:
-    spread = mad_sigma(values, None)
-    return spread / float(np.sqrt(max(len(values) / _CORRELATED, 1.0)))
+def _mean_sigma(values: Array, alike: float) -> float:
+    return mad_sigma(values, None) / float(np.sqrt(max(len(values) / alike, 1.0)))
 
 
 def _unseen(levels: Array, motion: MotionSeries, least: float, config: ShiftAlarmConfig) -> list[Step]:
@@ -101,7 +91,9 @@ def _unseen(levels: Array, motion: MotionSeries, least: float, config: ShiftAlar
     index = np.flatnonzero(np.isfinite(levels))
     noise = float(np.deg2rad(config.noise_yaw_deg))
     calm = np.ones(len(index), dtype=bool)
-    step = find_step(levels[index], calm, _HORIZONS, least, noise, config.threshold)
+    step = find_step(
+        levels[index], calm, config.horizons, least, noise, config.threshold, config=config.steps
+    )
     if step is None:
         return []
     onset, last = int(index[step.onset]), int(index[step.onset - 1])

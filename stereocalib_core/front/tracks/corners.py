@@ -9,31 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config import TracksConfig
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.tracks.patches import HALF, match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
-
-ROAD_CELL_PX = (32, 10)
-"""Width and height of the cells that give one road corner each; low, for a road is seen at a flat angle."""
-ABOVE_CELL_PX = (64, 40)
-"""The same for points above the road."""
-
-MAX_ROAD, MAX_ABOVE = 260, 150
-"""Corners kept before tracking."""
-
-ROAD_TOLERANCE_PX = 1.0
-"""|measured disparity - disparity of the plane| of a point on the road."""
-
-ABOVE_ROAD_M = 0.4
-"""Height above the road from which a point counts as off the road."""
-
-ROAD_RANGE_M = (4.0, 30.0)
-HALF_ROAD_M = 7.0
-"""Distance ahead and to the side within which the road is taken for a plane."""
-
-MIN_CORRELATION = 0.75
-"""Left-right correlation of a patch that is believed."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +89,14 @@ def find_corners(
     extrinsics: Extrinsics,
     disparity: DisparityMap,
     road_known: bool,
+    config: TracksConfig | None = None,
 ) -> Corners:
     """Corners on and above the road, their disparity refined; left, right (H, W), half_left (H // 2, W // 2).
 
     `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
     """
+    settings = config or TracksConfig()
+    rules, patch = settings.corners, settings.patch
     score = np.asarray(cv2.cornerMinEigenVal(half_left, 5, ksize=3), dtype=np.float32)
     values = disparity.values if disparity.step_px == 2 else disparity.values[::2, ::2]
     rows, columns = min(score.shape[0], values.shape[0]), min(score.shape[1], values.shape[1])
@@ -125,34 +108,33 @@ def find_corners(
     fb = camera.focal_px * camera.baseline_m
     limits = np.array(
         [
-            fb / ROAD_RANGE_M[1],
-            fb / ROAD_RANGE_M[0],
-            HALF_ROAD_M / camera.baseline_m / 2,
+            fb / rules.road_far_m,
+            fb / rules.road_near_m,
+            rules.road_half_width_m / camera.baseline_m / 2,
             (camera.cx_px - 0.5) / 2,
-            ABOVE_ROAD_M / extrinsics.height_m,
+            rules.above_road_m / extrinsics.height_m,
         ]
     )
     score = np.ascontiguousarray(score[:rows, :columns])
     values = np.ascontiguousarray(values[:rows, :columns])
-    least = 2e-6
-    cell = (ROAD_CELL_PX[0] // 2, ROAD_CELL_PX[1] // 2)
-    road = _best_of_cells(score, values, plane, cell, True, ROAD_TOLERANCE_PX + 0.5, limits, least)
-    road = road[np.argsort(-road[:, 2], kind="stable")[: MAX_ROAD if road_known else 0]]
-    cell = (ABOVE_CELL_PX[0] // 2, ABOVE_CELL_PX[1] // 2)
+    least, tolerance = rules.min_score, rules.road_tolerance_px
+    cell = (rules.road_cell_px[0] // 2, rules.road_cell_px[1] // 2)
+    road = _best_of_cells(score, values, plane, cell, True, tolerance + rules.matcher_px, limits, least)
+    road = road[np.argsort(-road[:, 2], kind="stable")[: rules.max_road if road_known else 0]]
+    cell = (rules.above_cell_px[0] // 2, rules.above_cell_px[1] // 2)
     above = _best_of_cells(score, values, plane, cell, False, 0.0, limits, 4 * least)
-    above = above[np.argsort(-above[:, 2], kind="stable")[:MAX_ABOVE]]
+    above = above[np.argsort(-above[:, 2], kind="stable")[: rules.max_above]]
     points = np.concatenate([road, above])
     on_road = np.arange(len(points)) < len(road)
     uv = np.floor(2 * points[:, :2] + 1.0)
     expected = np.where(on_road, p.disparity(camera, uv[:, 0], uv[:, 1]), points[:, 3])
     offset = camera.disparity_offset_px
-    refined = (
-        match_rows(left, right, uv, expected + offset, slopes(p.a, p.b, on_road), MIN_CORRELATION, 2.0)
-        - offset
+    tilt, reach = slopes(p.a, p.b, on_road), rules.search_disparity_px
+    matched = match_rows(
+        left, right, uv, expected + offset, tilt, patch.min_correlation, reach, patch.min_contrast
     )
-    keep = (
-        np.isfinite(refined) & (refined > 1.0) & (~on_road | (np.abs(refined - expected) < ROAD_TOLERANCE_PX))
-    )
+    refined = matched - offset
+    keep = np.isfinite(refined) & (refined > 1.0) & (~on_road | (np.abs(refined - expected) < tolerance))
     return Corners(uv[keep], refined[keep], on_road[keep])
 
 

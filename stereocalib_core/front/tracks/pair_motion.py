@@ -9,12 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stereocalib_core.back.odometry.camera_motion import full_pair
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.rigid_motion import full_pair
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-
-SAMPLES = 48
-"""Random triples of points tried beside the predicted motion."""
 
 
 @njit(cache=True, nogil=True)
@@ -46,22 +43,39 @@ def _score(rays: Array, votes: Array, motion: Array, tolerance: float) -> float:
 
 @njit(cache=True, nogil=True)
 def robust_motion(
-    rays: Array, votes: Array, predicted: Array, focal_px: float, tolerance_px: float
+    rays: Array,
+    votes: Array,
+    predicted: Array,
+    focal_px: float,
+    tolerance_px: float,
+    samples: int,
+    solver: tuple[float, int, int],
 ) -> tuple[Array, float]:
     """(6,) motion that the points (5, N) with the most votes (N,) agree with, and these votes.
 
-    The candidates are the prediction and `SAMPLES` triples drawn by a fixed sequence.
+    The candidates are the prediction and `samples` triples drawn by a fixed sequence. solver: as for `full_pair`.
     """
     count = rays.shape[1]
-    candidates = np.zeros((SAMPLES + 1, 6))
-    scores = np.zeros(SAMPLES + 1)
+    candidates = np.zeros((samples + 1, 6))
+    scores = np.zeros(samples + 1)
     tolerance = tolerance_px / focal_px
-    for s in range(SAMPLES + 1):
+    for s in range(samples + 1):
         motion = predicted.copy()
         information = np.zeros((6, 6))
         if s == 0:
             full_pair(
-                rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 4.0 * tolerance_px, information
+                rays,
+                0,
+                0,
+                count,
+                np.zeros(3),
+                motion,
+                focal_px,
+                1.0,
+                1.0,
+                4.0 * tolerance_px,
+                solver,
+                information,
             )
         else:
             triple = np.empty((5, 3))
@@ -72,13 +86,15 @@ def robust_motion(
                 )
                 pick = np.int64((seed >> np.uint64(33)) % np.uint64(count))
                 triple[:, k] = rays[:, pick]
-            full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1.0, 1000.0, information)
+            full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1.0, 1000.0, solver, information)
         candidates[s] = motion
         scores[s] = _score(rays, votes, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
-    full_pair(rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 0.5 * tolerance_px, information)
+    full_pair(
+        rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 0.5 * tolerance_px, solver, information
+    )
     refined = _score(rays, votes, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined

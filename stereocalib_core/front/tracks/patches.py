@@ -13,21 +13,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.numeric.arrays import Array, Grey
+from stereocalib_core.config.tracks import PatchConfig
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import FAST
 
-HALF = 7
-"""Half size of the square patch that is tracked from frame to frame [px of its level]."""
-HALF_U, HALF_V = 8, 5
-"""Half sizes of the patch that is matched from left to right [px]."""
+Image = NDArray[np.uint8]
 
-MIN_CONTRAST = 2.5
-"""Standard deviation of grey values below which a patch shows nothing."""
+_SIZES = PatchConfig()
+HALF, HALF_U, HALF_V = _SIZES.half_px, _SIZES.row_half_u_px, _SIZES.row_half_v_px
+"""Compiled into the loops below, whose speed lives on them."""
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _sample(
-    image: Grey, u: float, v: float, axu: float, axv: float, ayu: float, ayv: float, out: Array
+    image: Image, u: float, v: float, axu: float, axv: float, ayu: float, ayv: float, out: Array
 ) -> bool:
     """Fill out (n, n) with the patch around (u, v), one step of columns being (axu, axv), of rows (ayu, ayv).
 
@@ -76,26 +75,28 @@ def _normalise(patch: Array, margin: int) -> float:
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _align(
-    template_image: Grey,
-    image: Grey,
+    template_image: Image,
+    image: Image,
     tu: float,
     tv: float,
     guess: Array,
     affine: Array,
     iterations: int,
     enough: float,
+    min_contrast: float,
     template: Array,
     patch: Array,
 ) -> float:
     """Move `guess` (2,) to where the patch around (tu, tv) is seen in `image`; all in pixels of one level.
 
-    affine (4,): d(u', v') / d(u, v), row by row. `enough`: step [px] that ends the iteration.
+    affine (4,): d(u', v') / d(u, v), row by row. `enough`: step [px] that ends the iteration. min_contrast:
+    standard deviation [grey levels] below which a patch shows nothing.
     Returns the correlation, or -1 where it is lost.
     """
     n = 2 * HALF + 1
     if not _sample(template_image, tu, tv, 1.0, 0.0, 0.0, 1.0, template):
         return -1.0
-    if _normalise(template, 1) < MIN_CONTRAST:
+    if _normalise(template, 1) < min_contrast:
         return -1.0
     h00 = h01 = h11 = 1e-9
     for r in range(n):
@@ -112,7 +113,7 @@ def _align(
     for _ in range(iterations):
         if not _sample(image, guess[0], guess[1], affine[0], affine[2], affine[1], affine[3], patch):
             return -1.0
-        if _normalise(patch, 0) < 0.4 * MIN_CONTRAST:
+        if _normalise(patch, 0) < 0.4 * min_contrast:
             return -1.0
         b0 = b1 = product = 0.0
         for r in range(n):
@@ -138,14 +139,15 @@ def _align(
 
 @njit(cache=True, nogil=True)
 def follow(
-    before: tuple[Grey, Grey, Grey],
-    after: tuple[Grey, Grey, Grey],
+    before: tuple[Image, Image, Image],
+    after: tuple[Image, Image, Image],
     points: Array,
     predicted: Array,
     affine: Array,
     coarsest: int,
     min_correlation: float,
     max_return_px: float,
+    min_contrast: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Points (N, 2) of one picture in the next, coarse to fine, and back again.
 
@@ -170,11 +172,17 @@ def follow(
             tu = (points[k, 0] + 0.5) * scale - 0.5
             tv = (points[k, 1] + 0.5) * scale - 0.5
             if level == 2:
-                correlation = _align(before[2], after[2], tu, tv, guess, A, 6, 0.1, template, patch)
+                correlation = _align(
+                    before[2], after[2], tu, tv, guess, A, 6, 0.1, min_contrast, template, patch
+                )
             elif level == 1:
-                correlation = _align(before[1], after[1], tu, tv, guess, A, 6, 0.1, template, patch)
+                correlation = _align(
+                    before[1], after[1], tu, tv, guess, A, 6, 0.1, min_contrast, template, patch
+                )
             else:
-                correlation = _align(before[0], after[0], tu, tv, guess, A, 8, 0.01, template, patch)
+                correlation = _align(
+                    before[0], after[0], tu, tv, guess, A, 8, 0.01, min_contrast, template, patch
+                )
             if correlation > 0.3:
                 here[0] = (guess[0] + 0.5) / scale - 0.5
                 here[1] = (guess[1] + 0.5) / scale - 0.5
@@ -184,7 +192,7 @@ def follow(
         back = np.array([A[3], -A[1], -A[2], A[0]]) / determinant
         guess[0], guess[1] = points[k, 0] + 0.7, points[k, 1] + 0.7
         if (
-            _align(after[0], before[0], here[0], here[1], guess, back, 6, 0.1, template, patch)
+            _align(after[0], before[0], here[0], here[1], guess, back, 6, 0.1, min_contrast, template, patch)
             < min_correlation
         ):
             continue
@@ -195,7 +203,7 @@ def follow(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _row_template(left: Grey, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
+def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
     """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the sum of
     squares of either."""
     n_v, n_u = values.shape
@@ -218,7 +226,7 @@ def _row_template(left: Grey, u: int, v: int, values: Array, gradients: Array) -
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _match_row(
-    right: Grey,
+    right: Image,
     u: int,
     v: int,
     guess: float,
@@ -227,6 +235,7 @@ def _match_row(
     gradients: Array,
     squares: float,
     steepness: float,
+    min_contrast: float,
 ) -> tuple[float, float]:
     """Raw disparity of a template and the correlation (-1 = lost); the right patch is sheared along the rows.
 
@@ -262,7 +271,7 @@ def _match_row(
                 gradient_sum += gradients[r, c]
         mean = total / count
         other_squares = square - mean * total
-        if other_squares < count * (0.4 * MIN_CONTRAST) ** 2:
+        if other_squares < count * (0.4 * min_contrast) ** 2:
             return disparity, -1.0
         correlation = product / np.sqrt(squares * other_squares)
         # gradient . (gain (right - mean) - (left - mean)): a larger disparity moves the right patch to the left
@@ -279,13 +288,14 @@ def _match_row(
 
 @njit(cache=True, nogil=True)
 def match_rows(
-    left: Grey,
-    right: Grey,
+    left: Image,
+    right: Image,
     points: Array,
     guess: Array,
     slopes: Array,
     min_correlation: float,
     reach_px: float,
+    min_contrast: float,
 ) -> Array:
     """(N,) raw disparity u_left - u_right [px] of left points (N, 2), NaN where it is lost.
 
@@ -301,12 +311,12 @@ def match_rows(
         if u < HALF_U + 2 or v < HALF_V or u + HALF_U + 2 >= width or v + HALF_V >= height:
             continue
         squares, steepness = _row_template(left, u, v, values, gradients)
-        if squares < values.size * MIN_CONTRAST**2 or steepness < values.size:
+        if squares < values.size * min_contrast**2 or steepness < values.size:
             continue
         carry = slopes[k, 0] * (points[k, 0] - u) + slopes[k, 1] * (points[k, 1] - v)
         start = guess[k] - carry
         disparity, correlation = _match_row(
-            right, u, v, start, slopes[k, 1], values, gradients, squares, steepness
+            right, u, v, start, slopes[k, 1], values, gradients, squares, steepness, min_contrast
         )
         if correlation >= min_correlation and abs(disparity - start) < reach_px:
             result[k] = disparity + carry

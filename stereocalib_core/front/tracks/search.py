@@ -10,19 +10,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config.tracks import MotionSearchConfig
 from stereocalib_core.front.tracks.pair_motion import reprojection
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
 
-SPEEDS_M = tuple(np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(1.0, 3.5, 0.2)]).tolist())
-"""Travel per frame that is tried [m]."""
-TURNS_RAD = tuple(np.deg2rad([0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0]).tolist())
-"""Heading change per frame that is tried."""
-FACTORS = (1.0, 0.0, 0.5, 1.5, 2.0, 3.0, 4.0)
-"""Multiples of the last known motion that are tried: a lost or doubled frame, a stop."""
+_HALF = MotionSearchConfig().half_px
+"""Compiled in."""
 
-_POINTS = 120
-_HALF = 3
+
+def speeds_m(config: MotionSearchConfig) -> list[float]:
+    """Travel per frame that is tried [m]."""
+    slow = np.arange(0.0, config.slow_m, config.slow_step_m)
+    return np.concatenate([slow, np.arange(config.slow_m, config.fast_m, config.fast_step_m)]).tolist()
+
+
+def to_both_sides(values: tuple[float, ...]) -> list[float]:
+    """Nothing, and each value to either side, in radians from degrees."""
+    return np.deg2rad([0.0, *(sign * value for value in values for sign in (-1.0, 1.0))]).tolist()
 
 
 @njit(cache=True, nogil=True)
@@ -77,33 +82,35 @@ def search_motion(
     camera: StereoCamera,
     last: Array | None,
     jump: int,
+    config: MotionSearchConfig | None = None,
 ) -> Array:
     """(6,) motion (rotation vector [rad], translation [m] of T_current_previous) that looks best.
 
     before, after: quarter-size pictures. rays: (5, N) as in `PackedTracks`. last: (6,) motion per frame or None.
     jump: frames between the two pictures.
     """
+    config = config or MotionSearchConfig()
     road, above = np.flatnonzero(on_road), np.flatnonzero(~on_road)
-    pick = np.concatenate([_thin(road, _POINTS // 2), _thin(above, _POINTS // 2)])
+    pick = np.concatenate([_thin(road, config.points // 2), _thin(above, config.points // 2)])
     chosen = np.ascontiguousarray(rays[:, pick])
-    motions = [] if last is None else [last * factor * jump for factor in FACTORS]
+    motions = [] if last is None else [last * factor * jump for factor in (1.0, 0.0, *config.factors)]
     # T_current_previous of a move straight ahead, turned to the right by `turn`
     motions += [
         np.array([0.0, -turn * jump, 0.0, 0.0, 0.0, -speed * jump])
-        for turn in TURNS_RAD
-        for speed in SPEEDS_M
+        for turn in to_both_sides(config.turns_deg)
+        for speed in speeds_m(config)
     ]
     candidates = np.array(motions)
     scores = _scores(before, after, chosen, candidates, camera.focal_px, camera.cx_px, camera.cy_px)
     best = candidates[int(np.argmax(scores))]
     # a finer look around the best: pitch moves everything by several pixels over a bump
-    shifts = np.deg2rad([-0.6, -0.3, 0.0, 0.3, 0.6])
+    shifts = np.sort(to_both_sides(config.fine_deg))
     fine = np.array(
         [
             best + [pitch, turn, 0.0, 0.0, 0.0, speed]
             for pitch in shifts
             for turn in shifts
-            for speed in (-0.05 * jump, 0.0, 0.05 * jump)
+            for speed in (-config.fine_m * jump, 0.0, config.fine_m * jump)
         ]
     )
     scores = _scores(before, after, chosen, fine, camera.focal_px, camera.cx_px, camera.cy_px)

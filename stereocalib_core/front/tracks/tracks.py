@@ -14,37 +14,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config import OdometryConfig, TracksConfig
 from stereocalib_core.front.road.stages import DisparityMap
-from stereocalib_core.front.tracks.corners import MIN_CORRELATION, Corners, find_corners, halve, slopes
+from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
 from stereocalib_core.front.tracks.patches import follow, match_rows
 from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.numeric.arrays import Array, Grey
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 from stereocalib_core.results import Tracks
 
-TOLERANCE_PX = 1.5
-"""How far a point may be from where the pair's motion puts it."""
-DISPARITY_TOLERANCE_PX = 1.0
+Image = NDArray[np.uint8]
 
-MIN_AGREEMENT = 0.55
-"""Share of the points that must move together, else the prediction was wrong and is searched for."""
-
-ROAD_VOTES = 2.0
-"""What a road point counts against one above it: a passing lorry may fill the picture, but not the road."""
-
-MIN_CONSENT = 0.4
-"""Share of the points found again that must move together, else no motion is believed."""
-
-MIN_POINTS = 12
-"""Fewer points than this make no tracks."""
-
-MAX_JUMP = 4
-"""Frames that may be missing between the two of a pair."""
-
-MIN_TRACK_CORRELATION = 0.75
-MAX_RETURN_PX = 0.4
+_SOLVER = OdometryConfig()
+"""The tracker's own motion is solved as the odometry's is, but no setting of that enters here."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +40,8 @@ class PairView:
     """
 
     index: int
-    left: Grey
-    right: Grey
+    left: Image
+    right: Image
     disparity: DisparityMap
     extrinsics: Extrinsics
     road_known: bool = True
@@ -71,35 +55,43 @@ class TrackerState:
     """
 
     view: PairView | None = None
-    pyramid: tuple[Grey, Grey, Grey] | None = field(default=None, repr=False)
+    pyramid: tuple[Image, Image, Image] | None = field(default=None, repr=False)
     corners: Corners | None = field(default=None, repr=False)
     motion: Array | None = None
 
 
-def advance(camera: StereoCamera, state: TrackerState, view: PairView) -> tuple[TrackerState, Tracks | None]:
+def advance(
+    camera: StereoCamera, state: TrackerState, view: PairView, config: TracksConfig | None = None
+) -> tuple[TrackerState, Tracks | None]:
     """The next usable pair: the new state, and the tracks from the pair before, if there are any."""
+    config = config or TracksConfig()
     half = halve(view.left)
     pyramid = (view.left, half, halve(half))
     corners = find_corners(
-        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known
+        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known, config
     )
     tracks: Tracks | None = None
     motion: Array | None = None
     if state.view is not None and state.pyramid is not None and state.corners is not None:
         jump = view.index - state.view.index
-        if 0 < jump <= MAX_JUMP + 1:
-            tracks, found = _track(camera, state, view, pyramid, jump)
+        if 0 < jump <= config.max_jump + 1:
+            tracks, found = _track(camera, state, view, pyramid, jump, config)
             motion = None if found is None else found / jump
     return TrackerState(view, pyramid, corners, motion), tracks
 
 
 def _track(
-    camera: StereoCamera, state: TrackerState, view: PairView, pyramid: tuple[Grey, Grey, Grey], jump: int
+    camera: StereoCamera,
+    state: TrackerState,
+    view: PairView,
+    pyramid: tuple[Image, Image, Image],
+    jump: int,
+    config: TracksConfig,
 ) -> tuple[Tracks | None, Array | None]:
     """Tracks between the state's pair and `view`, and the motion between them."""
     assert state.view is not None and state.pyramid is not None and state.corners is not None
     corners = state.corners
-    if len(corners.points) < MIN_POINTS:
+    if len(corners.points) < config.min_points:
         return None, None
     f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
     rays = np.empty((5, len(corners.points)))
@@ -109,25 +101,28 @@ def _track(
     motion: Array | None = None if state.motion is None else state.motion * jump
     ok, agreement = np.zeros(len(corners.points), dtype=bool), 0.0
     if motion is not None:
-        ok, motion, agreement = _follow(camera, state, pyramid, rays, motion, 1)
-    if agreement < MIN_AGREEMENT:
-        start = search_motion(state.pyramid[2], pyramid[2], rays, corners.on_road, camera, state.motion, jump)
+        ok, motion, agreement = _follow(camera, state, pyramid, rays, motion, 1, config)
+    if agreement < config.min_agreement:
+        start = search_motion(
+            state.pyramid[2], pyramid[2], rays, corners.on_road, camera, state.motion, jump, config.search
+        )
         retry = rays.copy()
-        ok_2, motion_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2)
+        ok_2, motion_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2, config)
         if agreement_2 > agreement:
             ok, motion, agreement, rays = ok_2, motion_2, agreement_2, retry
-    if motion is None or np.count_nonzero(ok) < MIN_POINTS:
+    if motion is None or np.count_nonzero(ok) < config.min_points:
         return None, None
-    return _finish(camera, state, view, rays, ok, motion), motion
+    return _finish(camera, state, view, rays, ok, motion, config), motion
 
 
 def _follow(
     camera: StereoCamera,
     state: TrackerState,
-    pyramid: tuple[Grey, Grey, Grey],
+    pyramid: tuple[Image, Image, Image],
     rays: Array,
     predicted: Array,
     coarsest: int,
+    config: TracksConfig,
 ) -> tuple[NDArray[np.bool_], Array | None, float]:
     """Track all corners from a predicted motion; fills rays[3:5].
 
@@ -139,22 +134,27 @@ def _follow(
     where = np.column_stack([seen[0] * f + camera.cx_px, seen[1] * f + camera.cy_px])
     affine = patch_affine(rays, predicted, seen, corners.on_road, state.view.extrinsics)
     found, ok = follow(
-        state.pyramid, pyramid, corners.points, where, affine, coarsest, MIN_TRACK_CORRELATION, MAX_RETURN_PX
-    )
-    inside = (where[:, 0] > 8) & (where[:, 0] < camera.width - 9)
-    inside &= (where[:, 1] > 8) & (where[:, 1] < camera.height - 9)
+        state.pyramid, pyramid, corners.points, where, affine, coarsest,
+        config.patch.min_correlation, config.patch.max_return_px, config.patch.min_contrast,
+    )  # fmt: skip
+    border = config.border_px
+    inside = (where[:, 0] > border) & (where[:, 0] < camera.width - 1 - border)
+    inside &= (where[:, 1] > border) & (where[:, 1] < camera.height - 1 - border)
     rays[3] = (found[:, 0] - camera.cx_px) / f
     rays[4] = (found[:, 1] - camera.cy_px) / f
-    if np.count_nonzero(ok) < MIN_POINTS:
+    if np.count_nonzero(ok) < config.min_points:
         return ok, None, 0.0
-    votes = np.where(corners.on_road[ok], ROAD_VOTES, 1.0)
-    motion, _ = robust_motion(np.ascontiguousarray(rays[:, ok]), votes, predicted, f, TOLERANCE_PX)
+    votes = np.where(corners.on_road[ok], config.road_votes, 1.0)
+    solver = _SOLVER.solver.noise_px, _SOLVER.solver.iterations, _SOLVER.min_points_of_a_kind
+    motion, _ = robust_motion(
+        np.ascontiguousarray(rays[:, ok]), votes, predicted, f, config.tolerance_px, config.samples, solver
+    )
     seen = reprojection(rays, motion)
     followed = float(ok.sum())
-    ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < TOLERANCE_PX)
-    if ok.sum() < MIN_CONSENT * followed:
+    ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < config.tolerance_px)
+    if ok.sum() < config.min_consent * followed:
         return ok, None, 0.0
-    return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(MIN_POINTS))
+    return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(config.min_points))
 
 
 def patch_affine(
@@ -183,6 +183,7 @@ def _finish(
     rays: Array,
     ok: NDArray[np.bool_],
     motion: Array,
+    config: TracksConfig,
 ) -> Tracks:
     """Left-right matches in the current frame, and the check that disparities change with the motion too."""
     assert state.view is not None and state.corners is not None
@@ -194,9 +195,12 @@ def _finish(
     plane = view.extrinsics.disparity_plane(camera)
     offset = camera.disparity_offset_px
     tilt = slopes(plane.a, plane.b, on_road)
-    disparity = (
-        match_rows(view.left, view.right, points, expected + offset, tilt, MIN_CORRELATION, 3.0) - offset
-    )
-    good = np.abs(disparity - expected) < DISPARITY_TOLERANCE_PX
+    patch = config.patch
+    matched = match_rows(
+        view.left, view.right, points, expected + offset, tilt,
+        patch.min_correlation, config.reach_px, patch.min_contrast,
+    )  # fmt: skip
+    disparity = matched - offset
+    good = np.abs(disparity - expected) < config.disparity_tolerance_px
     rows = np.column_stack([corners.points[pick], corners.disparity[pick], points, disparity])
     return Tracks(rows[good].astype(np.float32), on_road[good], state.view.index)

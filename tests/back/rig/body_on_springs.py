@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocalib_core.back.rig.shift_alarm import MotionSeries
-from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import FrameResult, RoadEstimate
 
+CAMERA = StereoCamera(1242, 375, 721.5, 609.6, 172.9, 0.537)
 MOUNT = np.array([1.65, np.deg2rad(0.8), np.deg2rad(-0.4)])
 DIRECT = (0.003, float(np.deg2rad(0.012)), float(np.deg2rad(0.012)))
 PAPER = (0.02, float(np.deg2rad(0.08)), float(np.deg2rad(0.08)))

@@ -10,7 +10,7 @@ from simulated_tracks import CAMERA, simulate
 
 from stereocalib_core.back.rig.road_points import lean_on, road_planes
 from stereocalib_core.back.rig.smoothing import filter_drive
-from stereocalib_core.config import RoadPointsConfig
+from stereocalib_core.config import LaneConfig, PipelineConfig, RoadPointsConfig
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import FrameResult
 
@@ -19,7 +19,7 @@ CONFIG = RoadPointsConfig()
 
 def test_points_show_the_plane_they_lie_on() -> None:
     results, extrinsics = simulate(np.zeros(40), -0.3, noise_px=0.1)
-    values, covariance = road_planes(CAMERA, results, CONFIG)
+    values, covariance = road_planes(CAMERA, results, CONFIG, LaneConfig())
     error = values - extrinsics[:, :3]
     assert np.abs(error[:, 0]).max() < 0.02
     assert np.rad2deg(np.abs(error[:, 1:]).max(axis=0)) == pytest.approx([0.0, 0.0], abs=0.15)
@@ -39,7 +39,7 @@ def test_a_kerb_among_the_points_does_not_tilt_the_plane() -> None:
             kerb = r.tracks.on_road & (d < fb / 10.0) & (side > 0.3)
             # 8 cm above the road at the same row is so much nearer
             d[kerb] *= 1.0 + 0.08 / 1.65
-    values, _ = road_planes(CAMERA, results, CONFIG)
+    values, _ = road_planes(CAMERA, results, CONFIG, LaneConfig())
     error = np.abs(values - extrinsics[:, :3]).max(axis=0)
     assert error[0] < 0.025
     assert (np.rad2deg(error[1:]) < 0.25).all()
@@ -50,7 +50,7 @@ def test_few_points_say_nothing() -> None:
     for r in results:
         if r.tracks is not None:
             r.tracks.on_road[15:] = False
-    assert np.isnan(road_planes(CAMERA, results, CONFIG)[0]).all()
+    assert np.isnan(road_planes(CAMERA, results, CONFIG, LaneConfig())[0]).all()
 
 
 def test_the_surer_look_has_its_say() -> None:
@@ -91,7 +91,7 @@ def test_points_improve_a_poor_road() -> None:
     # as unsure as dense matching on a cambered road
     poor = rewritten(results, 0.015, 0.001, 49.0)
     alone, helped = (
-        np.abs((filter_drive(poor, None, camera).values - extrinsics[:, :3]).mean(axis=0))[:2]
-        for camera in (None, CAMERA)
+        np.abs((filter_drive(poor, CAMERA, config).values - extrinsics[:, :3]).mean(axis=0))[:2]
+        for config in (PipelineConfig(method="direct"), PipelineConfig(method="paper"))
     )
     assert (helped < 0.4 * alone).all()

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_on_springs import DIRECT, PAPER, as_results, measure, ride
+from body_on_springs import CAMERA, DIRECT, PAPER, as_results, measure, ride
 
 from stereocalib_core.back.rig.body_filter import oscillator
 from stereocalib_core.back.rig.smoothing import filter_drive
-from stereocalib_core.config import FilterConfig
+from stereocalib_core.config import FilterConfig, PipelineConfig
 
 
 def rms(values: np.ndarray) -> np.ndarray:
@@ -36,7 +36,11 @@ def test_it_removes_noise_and_not_motion(
 ) -> None:
     drive = ride()
     z, covariance = measure(drive.truth, sigma)
-    filtered = filter_drive(as_results(z, covariance, drive.time_s), FilterConfig(look_ahead=look_ahead))
+    filtered = filter_drive(
+        as_results(z, covariance, drive.time_s),
+        CAMERA,
+        PipelineConfig(filter=FilterConfig(look_ahead=look_ahead)),
+    )
     ratio = rms(filtered.values - drive.truth) / rms(z - drive.truth)
     assert (ratio <= (limit if look_ahead else limit + 0.15)).all(), ratio
     assert set(filtered.state) == {"updated"}
@@ -47,7 +51,7 @@ def test_sigma_covers_the_error(sigma: tuple[float, float, float]) -> None:
     drive = ride()
     z, covariance = measure(drive.truth, sigma)
     settings = FilterConfig(persistent_share=0.0)
-    filtered = filter_drive(as_results(z, covariance, drive.time_s), settings)
+    filtered = filter_drive(as_results(z, covariance, drive.time_s), CAMERA, PipelineConfig(filter=settings))
     within = (np.abs(filtered.values - drive.truth) < filtered.sigma).mean(axis=0)
     assert (within > 0.58).all(), within
     assert (within[1:] < 0.8).all(), within
@@ -57,12 +61,12 @@ def test_a_gap_is_predicted_with_growing_sigma() -> None:
     drive = ride()
     z, covariance = measure(drive.truth, DIRECT)
     gap = range(200, 230)
-    filtered = filter_drive(as_results(z, covariance, drive.time_s, gap))
+    filtered = filter_drive(as_results(z, covariance, drive.time_s, gap), CAMERA)
     assert all(filtered.state[i] == ("predicted" if i in gap else "updated") for i in range(len(z)))
     assert (np.diff(filtered.sigma[199:230], axis=0) >= 0).all()
     assert (filtered.sigma[229] > 3 * filtered.sigma[199]).all()
     # what comes after the gap does not reach back into it
-    cut = filter_drive(as_results(z, covariance, drive.time_s, range(200, len(z))))
+    cut = filter_drive(as_results(z, covariance, drive.time_s, range(200, len(z))), CAMERA)
     np.testing.assert_array_equal(cut.values[200:230], filtered.values[200:230])
 
 
@@ -74,7 +78,7 @@ def test_a_bend_ahead_widens_sigma_and_moves_nothing() -> None:
     for i in range(200, 210):
         assert plain[i].road is not None
         bent[i] = replace(plain[i], road=replace(plain[i].road, bend=(0.1, 0.02)))
-    before, after = filter_drive(plain), filter_drive(bent)
+    before, after = filter_drive(plain, CAMERA), filter_drive(bent, CAMERA)
     np.testing.assert_allclose(after.values, before.values, atol=1e-12)
     added = np.sqrt(np.maximum(after.sigma**2 - before.sigma**2, 0.0))
     np.testing.assert_allclose(added[200:215], np.tile([0.1, 0.02, 0.0], (15, 1)), atol=1e-6)
@@ -85,7 +89,7 @@ def test_a_bend_ahead_widens_sigma_and_moves_nothing() -> None:
 def test_before_the_first_measurement_there_is_nothing() -> None:
     drive = ride(60)
     z, covariance = measure(drive.truth, DIRECT)
-    filtered = filter_drive(as_results(z, covariance, drive.time_s, range(10)))
+    filtered = filter_drive(as_results(z, covariance, drive.time_s, range(10)), CAMERA)
     assert filtered.state[:11] == ("none",) * 10 + ("updated",)
     assert np.isnan(filtered.values[:10]).all()
     assert not np.isnan(filtered.values[10:]).any()
@@ -96,7 +100,7 @@ def test_wild_measurements_are_gated_out_and_said() -> None:
     z, covariance = measure(drive.truth, DIRECT)
     wild = np.arange(50, 600, 37)
     z[wild] += np.deg2rad([0.0, 2.0, -2.0]) * np.where(np.arange(len(wild)) % 2, 1.0, -1.0)[:, None]
-    filtered = filter_drive(as_results(z, covariance, drive.time_s))
+    filtered = filter_drive(as_results(z, covariance, drive.time_s), CAMERA)
     assert [i for i, s in enumerate(filtered.state) if s == "predicted"] == wild.tolist()
     assert np.abs(np.rad2deg(filtered.values - drive.truth)[wild, 1:]).max() < 0.6
 
@@ -110,7 +114,7 @@ def test_a_knock_does_not_lock_the_filter_out(knock_deg: float) -> None:
         0.0,
     ]
     z, covariance = measure(truth, DIRECT)
-    filtered = filter_drive(as_results(z, covariance, drive.time_s))
+    filtered = filter_drive(as_results(z, covariance, drive.time_s), CAMERA)
     assert sum(s == "predicted" for s in filtered.state) <= 2
     assert set(filtered.state[303:]) == {"updated"}
     assert np.rad2deg(rms(filtered.values[304:] - truth[304:])[1]) < 0.02
@@ -119,6 +123,6 @@ def test_a_knock_does_not_lock_the_filter_out(knock_deg: float) -> None:
 def test_it_repeats_bit_for_bit() -> None:
     drive = ride(100)
     z, covariance = measure(drive.truth, PAPER)
-    first, second = (filter_drive(as_results(z, covariance, drive.time_s)) for _ in range(2))
+    first, second = (filter_drive(as_results(z, covariance, drive.time_s), CAMERA) for _ in range(2))
     np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(first.covariance, second.covariance)

@@ -1,0 +1,191 @@
+"""The rigid motion of a camera between two pictures from points of known inverse depth, robustly.
+
+Gauss-Newton with Cauchy weights on the reprojection error. Rays (5, M) hold x, y, inverse depth, x', y' in
+normalised coordinates. A motion is (rotation vector, translation) of T_current_previous.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import (
+    FAST,
+    rotation_from_vector,
+    solve_symmetric,
+    vector_from_rotation,
+)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _accumulate(
+    rays: Array,
+    first: int,
+    last: int,
+    plane: Array,
+    R: Array,
+    t: Array,
+    depth: float,
+    scaled: bool,
+    weights: Array,
+    H: Array,
+    g: Array,
+) -> tuple[float, float]:
+    """Add the normal equations of points first ... last to H (7, 7, lower) and g (7,).
+
+    plane: (3,) added to their inverse depths by (x, y, 1). depth: factor of their inverse depths, whose
+    logarithm is the seventh unknown if `scaled`. weights: 1 / Cauchy scale^2 (normalised units), weight of the set.
+    Returns the weighted squared error and the sum of weights.
+    """
+    r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
+    r10, r11, r12 = R[1, 0], R[1, 1], R[1, 2]
+    r20, r21, r22 = R[2, 0], R[2, 1], R[2, 2]
+    t0, t1, t2 = t[0], t[1], t[2]
+    p0, p1, p2 = plane[0], plane[1], plane[2]
+    scale, share = weights[0], weights[1]
+    a = np.zeros(28)
+    b = np.zeros(7)
+    cost = 0.0
+    total = 0.0
+    for k in range(first, last):
+        x, y = rays[0, k], rays[1, k]
+        inverse = depth * rays[2, k] + p0 * x + p1 * y + p2
+        if not inverse > 1e-4:
+            continue
+        qz = r20 * x + r21 * y + r22 + t2 * inverse
+        if not qz > 0.05:
+            continue
+        iz = 1.0 / qz
+        X = (r00 * x + r01 * y + r02 + t0 * inverse) * iz
+        Y = (r10 * x + r11 * y + r12 + t1 * inverse) * iz
+        ru, rv = rays[3, k] - X, rays[4, k] - Y
+        e2 = ru * ru + rv * rv
+        w = share / (1.0 + e2 * scale)
+        cost += w * e2
+        total += w
+        s = inverse * iz
+        # rows of the Jacobian: rotation, translation, logarithm of the depth factor
+        u0, u1, u2, u3, u5 = -X * Y, 1.0 + X * X, -Y, s, -s * X
+        v0, v1, v2, v4, v5 = -1.0 - Y * Y, X * Y, X, s, -s * Y
+        a[0] += w * (u0 * u0 + v0 * v0)
+        a[1] += w * (u1 * u0 + v1 * v0)
+        a[2] += w * (u1 * u1 + v1 * v1)
+        a[3] += w * (u2 * u0 + v2 * v0)
+        a[4] += w * (u2 * u1 + v2 * v1)
+        a[5] += w * (u2 * u2 + v2 * v2)
+        a[6] += w * u3 * u0
+        a[7] += w * u3 * u1
+        a[8] += w * u3 * u2
+        a[9] += w * u3 * u3
+        a[10] += w * v4 * v0
+        a[11] += w * v4 * v1
+        a[12] += w * v4 * v2
+        a[14] += w * v4 * v4
+        a[15] += w * (u5 * u0 + v5 * v0)
+        a[16] += w * (u5 * u1 + v5 * v1)
+        a[17] += w * (u5 * u2 + v5 * v2)
+        a[18] += w * u5 * u3
+        a[19] += w * v5 * v4
+        a[20] += w * (u5 * u5 + v5 * v5)
+        b[0] += w * (u0 * ru + v0 * rv)
+        b[1] += w * (u1 * ru + v1 * rv)
+        b[2] += w * (u2 * ru + v2 * rv)
+        b[3] += w * u3 * ru
+        b[4] += w * v4 * rv
+        b[5] += w * (u5 * ru + v5 * rv)
+        if scaled:
+            u6, v6 = s * (t0 - X * t2), s * (t1 - Y * t2)
+            a[21] += w * (u6 * u0 + v6 * v0)
+            a[22] += w * (u6 * u1 + v6 * v1)
+            a[23] += w * (u6 * u2 + v6 * v2)
+            a[24] += w * u6 * u3
+            a[25] += w * v6 * v4
+            a[26] += w * (u6 * u5 + v6 * v5)
+            a[27] += w * (u6 * u6 + v6 * v6)
+            b[6] += w * (u6 * ru + v6 * rv)
+    n = 0
+    for i in range(7):
+        g[i] += b[i]
+        for j in range(i + 1):
+            H[i, j] += a[n]
+            n += 1
+    return cost, total
+
+
+@njit(cache=True, nogil=True)
+def _update(R: Array, t: Array, step: Array) -> Array:
+    """Left update of (R, t); changes t in place and returns the new R."""
+    E = rotation_from_vector(step[:3])
+    moved = E @ t
+    for i in range(3):
+        t[i] = moved[i] + step[3 + i]
+    return E @ R
+
+
+@njit(cache=True, nogil=True)
+def full_pair(
+    rays: Array,
+    first: int,
+    road_end: int,
+    last: int,
+    tilt: Array,
+    motion: Array,
+    focal_px: float,
+    road_share: float,
+    scale_sigma: float,
+    cauchy_px: float,
+    solver: tuple[float, int, int],
+    information: Array,
+) -> float:
+    """Six degrees of freedom of one pair; `motion` (6,) is start and result, `information` (6, 6) is filled.
+
+    tilt: (3,) what is added to the inverse depth [1/m] of a road point, by (x, y, 1). solver: typical residual
+    [px], iterations at most, and points of a kind from which the depth factor of those off the road is estimated.
+    Returns the variance of one image coordinate in normalised units, negative where there is no solution.
+    """
+    noise_px, iterations, least = solver
+    R = rotation_from_vector(motion[:3])
+    t = motion[3:].copy()
+    scale = (focal_px / cauchy_px) ** 2
+    size = 7 if road_end - first >= least and last - road_end >= least else 6
+    depth = 1.0
+    # in the units of the residuals, which are taken as `noise_px`
+    prior = (noise_px / focal_px / scale_sigma) ** 2
+    none = np.zeros(3)
+    H = np.zeros((7, 7))
+    g = np.zeros(7)
+    step = np.zeros(7)
+    road = np.array([scale, road_share])
+    rest = np.array([scale, 1.0])
+    variance = -1.0
+    for _ in range(iterations):
+        H[:] = 0.0
+        g[:] = 0.0
+        cost, total = _accumulate(rays, first, road_end, tilt, R, t, 1.0, False, road, H, g)
+        more, weight = _accumulate(rays, road_end, last, none, R, t, depth, size == 7, rest, H, g)
+        cost, total = cost + more, total + weight
+        H[6, 6] += prior
+        g[6] -= prior * np.log(depth)
+        for i in range(6):
+            H[i, i] += 1e-9
+            for j in range(i + 1):
+                information[i, j] = information[j, i] = H[i, j]
+        if size == 7:
+            for i in range(6):
+                for j in range(6):
+                    information[i, j] -= H[6, i] * H[6, j] / H[6, 6]
+        if total <= 0.0 or not solve_symmetric(H, g, size, step):
+            return -1.0
+        R = _update(R, t, step)
+        if size == 7:
+            depth *= np.exp(min(max(step[6], -0.5), 0.5))
+        variance = 0.5 * cost / total
+        largest = 0.0
+        for i in range(6):
+            largest = max(largest, abs(step[i]))
+        if largest < 2e-6:
+            break
+    motion[:3] = vector_from_rotation(R)
+    motion[3:] = t
+    return variance
