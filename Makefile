@@ -12,7 +12,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c co
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) -e .
-	$(BIN)/python -m stereocalib_core.benches.warmup
+	$(BIN)/python -m stereocalib_core.system.warmup > /dev/null
 	@touch $@
 
 $(DEV): $(READY)

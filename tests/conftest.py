@@ -9,12 +9,20 @@ from pathlib import Path
 
 import pytest
 
+from stereocalib_core.system.compiled import SECONDS, compile_once
+
 REPO = Path(__file__).resolve().parents[1]
 BROWSER_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
 
 # A shell that starts the tests in the background ignores Ctrl-C, and so would every program that they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """After an edit of a compiled loop: compiled here, so that no command says so in the middle of a test."""
+    if not hasattr(session.config, "workerinput"):
+        compile_once(list(SECONDS), print)
 
 
 def _skip_or_fail(reason: str, requirement: str) -> None:

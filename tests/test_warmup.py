@@ -1,4 +1,4 @@
-"""Byte code where an installer left none."""
+"""What is compiled once: byte code where an installer left none, and the loops of the rooms that a command needs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from stereocalib_core.benches.warmup import compile_modules
+from stereocalib_core.system import compiled
+from stereocalib_core.system.warmup import compile_modules
 
 
 def test_modules_without_byte_code_get_some(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,3 +22,39 @@ def test_modules_without_byte_code_get_some(tmp_path: Path, monkeypatch: pytest.
     assert compile_modules() >= 1
     assert cached.is_file()
     assert compile_modules() == 0
+
+
+def test_the_work_is_dealt_out_evenly() -> None:
+    hands = compiled.shares(list(compiled.SECONDS), 2)
+    loads = [sum(compiled.SECONDS[room] for room in hand) for hand in hands]
+    assert sorted(room for hand in hands for room in hand) == sorted(compiled.SECONDS)
+    assert abs(loads[0] - loads[1]) <= max(compiled.SECONDS.values()) / 4
+    assert compiled.shares(["boards"], 8) == [["boards"]]
+
+
+def test_every_room_that_compiles_is_known() -> None:
+    """A room with a compiled loop that nobody warms up would be compiled in the middle of a drive."""
+    rooms = [tuple(room.split(".")) for room in compiled.SECONDS]
+    lost = [
+        str(path.relative_to(compiled.PACKAGE))
+        for path in compiled.PACKAGE.rglob("*.py")
+        if "@njit" in path.read_text(encoding="utf-8")
+        and not any(path.relative_to(compiled.PACKAGE).parts[: len(room)] == room for room in rooms)
+        and path.parent.name != "numeric"
+    ]
+    assert lost == []
+
+
+def test_a_room_is_compiled_once_and_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STEREOCALIB_CACHE", str(tmp_path))
+    said: list[str] = []
+    for _ in range(2):
+        compiled.compile_once(["boards"], said.append)
+    assert len(said) == 1
+    assert said[0].startswith("compiling once for this machine")
+    assert compiled.known_rooms(next(tmp_path.glob("compiled-rooms-*"))) == {"boards"}
+    compiled.compile_once(["boards", "sources"], said.append)
+    assert len(said) == 2
+    monkeypatch.setattr(compiled, "fingerprint", lambda: "of another version")
+    compiled.compile_once(["boards"], said.append)
+    assert len(said) == 3

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from stereocalib_core.system.user_cache import user_cache
 
-PACKAGE = Path(os.path.abspath(__file__)).parent
+PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 VARIABLE = "NUMBA_CACHE_DIR"
 
 

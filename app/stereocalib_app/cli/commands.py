@@ -33,11 +33,24 @@ def view(arguments: argparse.Namespace) -> str | None:
     return None
 
 
+def _compile(spec: str | None) -> None:
+    """What a drive from this source needs, compiled where it is not yet."""
+    from stereocalib_core.sources import source_kind
+    from stereocalib_core.system.compiled import DRIVE, compile_once
+
+    if spec is not None:
+        source_kind(spec)  # what is no drive is said first
+    rooms = ("boards",) if spec is None else DRIVE + ("simulator",) * spec.startswith("synthetic")
+    with terminal_progress() as progress:
+        compile_once(rooms, lambda line: print(f"stereocalib: {line}", file=sys.stderr), progress)
+
+
 def _serve(spec: str, arguments: argparse.Namespace) -> None:
     from stereocalib_core.run.tolerance import read_tolerances
 
     limits = read_tolerances(arguments.tolerance) if arguments.tolerance else {}
     settings = importlib.import_module("stereocalib_app.drive.page_words").from_words(arguments.set)
+    _compile(spec)
     server = importlib.import_module("stereocalib_app.drive.serve")
     how = server.Opening(limits=limits, tolerance=arguments.tolerance, settings=settings, frame=arguments.at)
     server.serve(spec, arguments.host, arguments.port, how)
@@ -55,6 +68,7 @@ def run(arguments: argparse.Namespace) -> str | None:
         config = dataclasses.replace(config, method=arguments.method)
     rig = read_rig(arguments.rig) if arguments.rig else None
     tolerances = read_tolerances(arguments.tolerance) if arguments.tolerance else None
+    _compile(arguments.source)
     with terminal_progress() as progress:
         report = run_drive(
             arguments.source,

@@ -1,4 +1,4 @@
-"""Compile everything that is compiled, once, so that no user waits for it: `python -m stereocalib_core.benches.warmup`.
+"""Compile everything that is compiled, once, so that no user waits for it: `python -m stereocalib_core.system.warmup`.
 
 The compiled loops, and the byte code of what is imported: an installer that leaves none (PYTHONDONTWRITEBYTECODE)
 would make every start of the program three times as long.
@@ -10,19 +10,11 @@ import contextlib
 import importlib
 import py_compile
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-WARM_PACKAGES = (
-    "stereocalib_core.sources",
-    "stereocalib_core.front.rows",
-    "stereocalib_core.front.road",
-    "stereocalib_core.front.tracks",
-    "stereocalib_core.front.scan",
-    "stereocalib_core.back.rig",
-    "stereocalib_core.back.odometry",
-    "stereocalib_core.simulator",
-    "stereocalib_core.boards",
-)
+from stereocalib_core.system.compiled import SECONDS, remember
+
 IMPORTED_LATE = (
     "stereocalib_core.run.drive",
     "stereocalib_core.back.analyse",
@@ -37,12 +29,9 @@ IMPORTED_LATE = (
 """Imported by a command only when it needs them; what is an extra may be missing."""
 
 
-def warm_up() -> None:
-    """Call the `warm_up()` of every package that has one."""
-    for name in WARM_PACKAGES:
-        package = importlib.import_module(name)
-        if hasattr(package, "warm_up"):
-            package.warm_up()
+def warm_up(room: str) -> None:
+    """Compile what a room compiles, by its own `warm_up()`."""
+    importlib.import_module(f"stereocalib_core.{room}").warm_up()
 
 
 def compile_modules() -> int:
@@ -61,6 +50,16 @@ def compile_modules() -> int:
     return written
 
 
+def main(rooms: Sequence[str]) -> None:
+    """Compile these rooms, or everything there is; the name of each as it is done."""
+    for room in rooms or SECONDS:
+        warm_up(room)
+        sys.stdout.write(f"{room}\n")
+        sys.stdout.flush()
+    if not rooms:
+        compile_modules()
+        remember(list(SECONDS))
+
+
 if __name__ == "__main__":
-    warm_up()
-    compile_modules()
+    main(sys.argv[1:])
