@@ -58,3 +58,21 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     }
     assert modules <= names
     assert {name.split("/")[0] for name in names} == {"stereocalib_core", "stereocalib_app"}
+
+
+def test_a_package_of_somebody_else_called_app_still_works(wheel: Path, tmp_path: Path) -> None:
+    """Installed into one folder with it, before and after: each finds its own."""
+    home = tmp_path / "installed"
+    theirs = home / "app"
+    theirs.mkdir(parents=True)
+    (theirs / "__init__.py").write_text("OWNER = 'somebody else'\n")
+    (theirs / "cli.py").write_text("def main():\n    return 'theirs'\n")
+    run("-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", home, wheel, cwd=tmp_path)
+    code = (
+        f"import sys; sys.path.insert(0, {str(home)!r}); import app, app.cli;"
+        "assert app.OWNER == 'somebody else'; assert app.cli.main() == 'theirs';"
+        "import stereocalib_app.cli.main as ours, app as again; assert again is app;"
+        "sys.exit(ours.main(sys.argv[1:]))"
+    )
+    assert "KITTI odometry" in run("-c", code, "--help", cwd=tmp_path).stdout
+    assert (theirs / "cli.py").read_text().startswith("def main")

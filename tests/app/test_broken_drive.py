@@ -62,11 +62,11 @@ def test_failures_are_found_with_their_reasons(hub: Hub) -> None:
     hub.shared.playback.seek(0)
     assert hub.shared.playback.seek_failure(1) == DARK_FRAME
     until(lambda: hub.shared.shown_frame == DARK_FRAME, what="dark frame shown")
-    words = hub.shared.header._parts[2]._verdict.content
+    words = hub.shared.parts["Debug"]._verdict.content
     assert "DARK" in words
     assert "Likely cause" in words
     assert "What to do" in words
-    assert "✗ mean grey is outside" in hub.shared.header._parts[2]._checks.content
+    assert "✗ mean grey is outside" in hub.shared.parts["Debug"]._checks.content
 
 
 def test_playback_stops_at_the_failure(hub: Hub) -> None:
@@ -95,13 +95,13 @@ def test_from_the_page_to_a_finding(hub: Hub, open_page: Any) -> None:
     until(lambda: page.get_by_text("the picture is nearly black").count(), 30.0, "cause on the page")
     assert page.get_by_text("Frame 3 failed: DARK").first.is_visible()
     assert page.foreign == []
-    hub.shared.header.choose("Inspect")
+    hub.shared.choose("Inspect")
 
 
 def write_run(hub: Hub, folder: Path) -> Path:
     folder.mkdir()
     page = hub.shared
-    exports.run_folder(page.session, page.session.snapshot, page.settings, folder)
+    exports.write_run_folder(page.session, page.session.snapshot, page.settings, folder)
     return folder
 
 
@@ -136,12 +136,12 @@ def test_another_run_is_laid_beside(hub: Hub, broken_folder: Path) -> None:
     folder = write_run(hub, broken_folder.parent / "run three")
     page = hub.shared
     hub.compare(page, folder.name)
-    until(lambda: page.header._parts[-2]._difference.content, what="difference")
-    assert "height" in page.header._parts[-2]._difference.content
-    other = next(c for c in page.timeline._charts[0].curves if c.name == "compared")
+    until(lambda: page.parts["Open"]._difference.content, what="difference")
+    assert "height" in page.parts["Open"]._difference.content
+    other = next(c for c in page.parts["Time line"]._charts[0].curves if c.name == "compared")
     assert np.isfinite(other.values).any()
     hub.compare(page, "")
-    until(lambda: page.compared is None and not page.header._parts[-2]._difference.content, what="taken away")
+    until(lambda: page.compared is None and not page.parts["Open"]._difference.content, what="taken away")
     with pytest.raises(SourceError):
         hub.compare(page, "no such run")
 

@@ -42,7 +42,8 @@ def test_playback_sends_consistent_frames(fresh: Hub) -> None:
         for window in windows
         for frame in [f for _, f, _ in frames_in([window])]
         for m in window
-        if m.kind == "GuiUpdateMessage" and m.fields["uuid"] == fresh.shared.timeline._slider._impl.uuid
+        if m.kind == "GuiUpdateMessage"
+        and m.fields["uuid"] == fresh.shared.parts["Time line"]._slider._impl.uuid
     ]
     assert sliders
     assert all(value == frame for value, frame in sliders)

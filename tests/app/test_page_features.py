@@ -68,8 +68,8 @@ def test_teach_walks_and_breaks_and_mends(page: Any, fresh: Hub) -> None:
 
 def test_a_broken_stage_changes_the_pictures_only(page: Any, fresh: Hub) -> None:
     before = fresh.shared.session.snapshot.results
-    fresh.shared.header.teach.go(1)
-    fresh.shared.header.teach.break_it()
+    fresh.shared.parts["Teach"].go(1)
+    fresh.shared.parts["Teach"].break_it()
     whole = fresh.shared.session.views_with("").stages(0).stages
     broken = fresh.shared.session.views_with("no obstacles").stages(0).stages
     assert whole is not None
@@ -178,8 +178,8 @@ def test_the_command_that_reproduces_this(page: Any) -> None:
 
 def test_the_command_that_shows_this_page(page: Any, fresh: Hub) -> None:
     """What it copies opens a page with the same settings at the same frame."""
-    fresh.shared.header.choose("Debug")
-    fresh.shared.header.corrections.set(pitch_error_deg=0.25)
+    fresh.shared.choose("Debug")
+    fresh.shared.what_if.set(pitch_error_deg=0.25)
     fresh.shared.playback.seek(11)
     tab(page, "Export")
     copy = page.get_by_role("button", name="shows this page")

@@ -34,29 +34,29 @@ SETTLE_S = 2.5
 
 def inspect(hub: Hub, _page: Any) -> None:
     """The answer first."""
-    hub.shared.header.choose("Inspect")
+    hub.shared.choose("Inspect")
     hub.shared.playback.seek(30)
 
 
 def teach(hub: Hub, _page: Any) -> None:
     """Pitch and height, broken."""
-    hub.shared.header.choose("Teach")
+    hub.shared.choose("Teach")
     hub.shared.playback.seek(60)
-    hub.shared.header.teach.go(4)
-    hub.shared.header.teach.break_it()
+    hub.shared.parts["Teach"].go(4)
+    hub.shared.parts["Teach"].break_it()
 
 
 def debug(hub: Hub, _page: Any) -> None:
     """A failed frame and why."""
-    hub.shared.header.teach.mend()
-    hub.shared.header.choose("Debug")
+    hub.shared.parts["Teach"].mend()
+    hub.shared.choose("Debug")
     hub.shared.playback.seek(0)
     hub.shared.playback.seek_failure(1)
 
 
 def paths(hub: Hub, page: Any) -> None:
     """The whole drive with its paths, from above."""
-    hub.shared.header.choose("Inspect")
+    hub.shared.choose("Inspect")
     hub.shared.playback.seek(len(hub.shared.session.source) - 1)
     page.get_by_role("tab", name="Paths", exact=True).click(force=True)
     page.get_by_role("tab", name="Path errors", exact=True).click(force=True)

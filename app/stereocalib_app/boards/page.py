@@ -2,59 +2,53 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import viser
 
 from stereocalib_app.boards.panels import ExportPanel, NudgePanel, PairsPanel, ResultPanel
 from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture
 from stereocalib_app.boards.scene import LidarScene, look_from
 from stereocalib_app.boards.session import LidarSession, LidarSnapshot
-from stereocalib_app.drive.panels.views import set_jpeg
-from stereocalib_app.widgets import canvas, palette
+from stereocalib_app.widgets import canvas
+from stereocalib_app.widgets.page_base import PageBase, set_theme
+from stereocalib_app.widgets.picture import PictureView
 from stereocalib_app.widgets.style import style_sheet
 from stereocalib_app.words import boards as lidar_words
-from stereocalib_core.errors import StereoCalibError
 
-LOG = logging.getLogger(__name__)
 VIEWS_WIDTH_PX, MAIN_WIDTH_PX, TIMELINE_WIDTH_PX = 430, 345, 440
 STAGES = ("reading pairs", "searching boards in clouds", "measuring boards in clouds")
 
 
-class LidarPage:
+class LidarPage(PageBase):
     """Shared by all browsers; drawn by the session's worker alone."""
 
     def __init__(self, server: viser.ViserServer, session: LidarSession) -> None:
-        self.server, self.session, self.gui = server, session, server.gui
+        super().__init__(server.gui)
+        self.server, self.session = server, session
         self._drawn: tuple[Any, ...] = ()
         self._looked = False
-        gui = self.gui
-        gui.configure_theme(
-            dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
-        )
+        set_theme(self.gui)
         server.initial_camera.up = (0.0, -1.0, 0.0)
         server.initial_camera.position = (-2.6, -2.2, -2.4)
         server.initial_camera.look_at = (0.0, 0.0, 2.0)
         with server.atomic():
             self._build_views()
-            self._build_main()
+            self._build_main(session)
             self._build_slider()
             self.scene = LidarScene(server, self._board_clicked)
         self._commands()
         session.show = self.update
 
     def _build_views(self) -> None:
-        gui, blank = self.gui, np.full((8, WIDTH_PX, 3), 24, np.uint8)
+        gui = self.gui
         panel: Any = gui.add_panel()
         panel.dock_left()
         panel.set_width(VIEWS_WIDTH_PX)
         with panel.add_tab("Cloud on picture"):
             self._close_up: Any = gui.add_checkbox("Close-up", False, hint="Only the board, larger.")
-            self._after = gui.add_image(blank, format="jpeg")
-            self._before = gui.add_image(blank, format="jpeg")
+            self._after = PictureView(gui, WIDTH_PX)
+            self._before = PictureView(gui, WIDTH_PX)
             self._explain = gui.add_markdown(
                 "Near points are red, far ones blue. A good calibration puts the jump in range on the board's "
                 "edge. The linear solution is where the refinement starts."
@@ -82,7 +76,7 @@ class LidarPage:
         for box in boxes:
             self.on_input(box, lambda _value: self.session.change())
 
-    def _build_main(self) -> None:
+    def _build_main(self, session: LidarSession) -> None:
         gui = self.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(MAIN_WIDTH_PX)
@@ -99,7 +93,7 @@ class LidarPage:
             ("Export", ExportPanel),
         ):
             with tabs.add_tab(name):
-                self._parts.append(part(self))
+                self._parts.append(part(self, session))
 
     def _build_slider(self) -> None:
         gui, count = self.gui, len(self.session.folder.names)
@@ -110,7 +104,7 @@ class LidarPage:
             self._steps = gui.add_button_group("", ("◀ previous", "next ▶", "tick in or out"))
             self._words = gui.add_markdown("")
         self.on_input(self._slider, lambda value: self.session.change(pair=min(int(value), count) - 1))
-        self.on_click(self._steps, lambda: self._press(self._steps.value))
+        self.on_click(self._steps, self._press)
 
     def _press(self, name: str) -> None:
         if name == "tick in or out":
@@ -131,45 +125,12 @@ class LidarPage:
             ("Tick this pair in or out", "T", self.toggle),
         ):
             handle: Any = self.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
-            handle.on_trigger(lambda event, action=action: self._kindly(event, action))
-
-    # --- what people do
-
-    def on_input(self, handle: Any, action: Callable[[Any], None]) -> None:
-        """Run `action(value)` when a person, not the program, changes an input."""
-
-        @handle.on_update
-        def _(event: Any) -> None:
-            if event.client_id is not None:
-                self._kindly(event, lambda: action(handle.value))
-
-    def on_click(self, handle: Any, action: Callable[[], None]) -> None:
-        """Run `action()` when a person presses a button."""
-
-        @handle.on_click
-        def _(event: Any) -> None:
-            self._kindly(event, action)
-
-    def on_download(self, handle: Any, name: str, make: Callable[[], bytes]) -> None:
-        """Send what `make` gives to the browser that pressed the button."""
-
-        @handle.on_click
-        def _(event: Any) -> None:
-            client = event.client
-            if client is not None:
-                self._kindly(event, lambda: client.send_file_download(name, make(), save_immediately=True))
-
-    def _kindly(self, event: Any, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except StereoCalibError as error:
-            LOG.info("%s", error)
-            if event.client is not None:
-                body = f"{error.what}: {error.where}. {error.remedy}"
-                event.client.add_notification("That did not work", body, color="red", auto_close_seconds=15.0)
+            handle.on_trigger(
+                lambda event, action=action: self.run_for_client(event, lambda _client: action())
+            )
 
     def _board_clicked(self, event: Any, index: int) -> None:
-        self._kindly(event, lambda: self.session.change(pair=index))
+        self.run_for_client(event, lambda _client: self.session.change(pair=index))
 
     # --- what is shown
 
@@ -221,7 +182,7 @@ class LidarPage:
         if result is None:
             blank = canvas.notice(WIDTH_PX, 380, "no result", "tick some pairs")
             for handle in (self._after, self._before):
-                set_jpeg(handle, canvas.encode_jpeg(blank))
+                handle.show(canvas.encode_jpeg(blank))
             self._drawn = key
             return
         after = result.T_camera_lidar if snapshot.trial is None else snapshot.trial.T_camera_lidar
@@ -239,7 +200,7 @@ class LidarPage:
                 files, observation, pair, T, result.camera, detection.board, title, f"{name} · {note}",
                 snapshot.wish.close_up,
             )  # fmt: skip
-            set_jpeg(handle, canvas.encode_jpeg(picture))
+            handle.show(canvas.encode_jpeg(picture))
         self._drawn = key
 
     def _look(self, snapshot: LidarSnapshot) -> None:

@@ -6,25 +6,24 @@ import shlex
 import tempfile
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
 from stereocalib_app.boards.render import pair_row, thumbnail_rule
-from stereocalib_app.boards.session import NO_NUDGE, LidarSnapshot
+from stereocalib_app.boards.session import NO_NUDGE, LidarSession, LidarSnapshot
 from stereocalib_app.widgets import palette
-from stereocalib_app.widgets.chart import AXIS_INK, GRID_INK
+from stereocalib_app.widgets.chart import Chart, ChartView, Curve
 from stereocalib_app.widgets.copy_button import copy_button
+from stereocalib_app.widgets.page_base import PageBase
 from stereocalib_app.words import boards as lidar_words
 from stereocalib_core.boards import Calibration, Detection, report
 from stereocalib_core.boards.pictures import before_and_after
 from stereocalib_core.errors import OutputError
 
-if TYPE_CHECKING:
-    from stereocalib_app.boards.page import LidarPage
-
 TURN_LIMIT_DEG, SHIFT_LIMIT_M = 2.0, 0.10
+PLOT_PX = 120
 NUDGES = (
     ("turn about x °", "the camera's right"),
     ("turn about y °", "the camera's down"),
@@ -38,28 +37,28 @@ NUDGES = (
 class PairsPanel:
     """Every pair with its thumbnail, its residuals and a tick."""
 
-    def __init__(self, page: LidarPage) -> None:
-        gui, self._page = page.gui, page
-        names = page.session.folder.names
+    def __init__(self, page: PageBase, session: LidarSession) -> None:
+        gui, self._session = page.gui, session
+        names = session.folder.names
         gui.add_markdown(
             "Untick a pair and the rest is solved again. Numbers: cloud to board, corners, normals."
         )
         self._all = gui.add_button("Use all pairs", hint="Tick every pair that the detection could use.")
-        page.on_click(self._all, lambda: page.session.change(excluded=frozenset()))
+        page.on_click(self._all, lambda _value: session.change(excluded=frozenset()))
         self._style: Any = gui.add_html("")
         self._rows: list[Any] = []
         self._ticks: list[Any] = []
         for index, name in enumerate(names):
-            self._rows.append(gui.add_html(pair_row(page.session.snapshot, index, name)))
+            self._rows.append(gui.add_html(pair_row(session.snapshot, index, name)))
             tick = gui.add_checkbox(f"use {name}", True, hint="In or out of the solution.")
             self._ticks.append(tick)
-            page.on_input(tick, partial(page.session.tick, name))
+            page.on_input(tick, partial(session.tick, name))
         self._shown: list[str] = [""] * len(names)
         self._styled = False
 
     def update(self, snapshot: LidarSnapshot) -> None:
         """Show what changed."""
-        folder = self._page.session.folder
+        folder = self._session.folder
         if not self._styled:
             rules = [thumbnail_rule(i, folder.images.get(n)) for i, n in enumerate(folder.names)]
             self._style.content = f"<style>{''.join(rules)}</style>"
@@ -71,7 +70,7 @@ class PairsPanel:
                 self._rows[index].content = self._shown[index] = row
             usable = observations is None or observations[index].ok
             tick = self._ticks[index]
-            wanted = usable and name not in self._page.session.wish.excluded
+            wanted = usable and name not in self._session.wish.excluded
             if tick.value != wanted:
                 tick.value = wanted
             if tick.disabled == usable:
@@ -81,8 +80,8 @@ class PairsPanel:
 class NudgePanel:
     """Six sliders that move the LiDAR by hand."""
 
-    def __init__(self, page: LidarPage) -> None:
-        gui, self._page = page.gui, page
+    def __init__(self, page: PageBase, session: LidarSession) -> None:
+        gui, self._session = page.gui, session
         gui.add_markdown(
             "Move the LiDAR by hand and watch the residuals: cloud and boards part at once where the set "
             "sees a direction well, and hardly where it does not."
@@ -95,17 +94,17 @@ class NudgePanel:
             self._sliders.append(slider)
             page.on_input(slider, partial(self._set, index))
         self._reset = gui.add_button("Back to the solution")
-        page.on_click(self._reset, lambda: page.session.change(nudge=NO_NUDGE))
+        page.on_click(self._reset, lambda _value: session.change(nudge=NO_NUDGE))
 
     def _set(self, index: int, value: float) -> None:
-        values = list(self._page.session.wish.nudge)
+        values = list(self._session.wish.nudge)
         values[index] = float(value)
-        self._page.session.change(nudge=tuple(values))
+        self._session.change(nudge=tuple(values))
 
     def update(self, snapshot: LidarSnapshot) -> None:
         """Show the residuals; the sliders follow a reset."""
         self._state.content = lidar_words.nudge_words(snapshot)
-        if snapshot.wish is not self._page.session.wish:
+        if snapshot.wish is not self._session.wish:
             return
         for slider, value in zip(self._sliders, snapshot.wish.nudge, strict=True):
             if slider.value != value:
@@ -115,7 +114,7 @@ class NudgePanel:
 class ResultPanel:
     """The transform, its sigma, the residuals, the way of the refinement."""
 
-    def __init__(self, page: LidarPage) -> None:
+    def __init__(self, page: PageBase, session: LidarSession) -> None:
         gui = page.gui
         self._tables = gui.add_markdown("No result yet.")
         gui.add_markdown(
@@ -123,7 +122,7 @@ class ResultPanel:
             "judged by the others. Below: corner residual over the steps of the joint refinement."
         )
         self._gui = gui
-        self._plot: Any | None = None
+        self._plot: ChartView | None = None
         self._shown: Calibration | None = None
         self._holder = gui.add_folder("Refinement", expand_by_default=True)
 
@@ -135,43 +134,27 @@ class ResultPanel:
             return
         self._shown = result
         if self._plot is not None:
-            self._plot.remove()
+            self._plot.show(_iteration_chart(result))
+            return
         with self._holder:
-            self._plot = self._gui.add_uplot(**_iteration_plot(result))
+            self._plot = ChartView(self._gui, _iteration_chart(result), PLOT_PX)
 
 
-def _iteration_plot(result: Calibration) -> dict[str, Any]:
+def _iteration_chart(result: Calibration) -> Chart:
+    """Corner residual over the steps of the refinement."""
     rms = np.array([i.reprojection_rms_px for i in result.iterations])
     step = np.arange(len(rms), dtype=np.float64)
     span = max(float(rms.max() - rms.min()), 0.02)
-    ink = {"stroke": AXIS_INK, "grid": {"stroke": GRID_INK, "width": 1}, "ticks": {"show": False}}
-    font = "11px system-ui, sans-serif"
-    color = palette.css(palette.RAW)
-    return {
-        "data": (step, rms),
-        "series": (
-            {"label": "step"},
-            {"label": "corners px", "stroke": color, "width": 2, "points": {"show": True, "size": 5}},
-        ),
-        "scales": {
-            "x": {"time": False, "range": (0.0, max(float(step[-1]), 1.0))},
-            "y": {"range": (float(rms.min()) - 0.2 * span, float(rms.max()) + 0.2 * span)},
-        },
-        "axes": (
-            {**ink, "size": 22, "font": font},
-            {**ink, "size": 44, "font": font, "label": "corners px", "labelSize": 16, "labelFont": font},
-        ),
-        "legend": {"show": False},
-        "height": 120,
-        "padding": (6, 10, 2, 0),
-    }
+    y_range = float(rms.min()) - 0.2 * span, float(rms.max()) + 0.2 * span
+    curve = Curve("corners px", rms, palette.RAW, width=2.0, marks=True)
+    return Chart(step, (curve,), (), y_range, "corners px", "step", "steps")
 
 
 class ExportPanel:
     """Files, the ROS 2 command, and the command that reproduces the result."""
 
-    def __init__(self, page: LidarPage) -> None:
-        gui, self._page = page.gui, page
+    def __init__(self, page: PageBase, session: LidarSession) -> None:
+        gui, self._session = page.gui, session
         gui.add_markdown("The solved result with the ticks as they are; a nudge is not exported.")
         for label, name, make in (
             ("Calibration, JSON", "calibration.json", self._calibration),
@@ -184,7 +167,7 @@ class ExportPanel:
         self._shown: Calibration | None = None
 
     def _solved(self) -> tuple[Detection, Calibration]:
-        now = self._page.session.snapshot
+        now = self._session.snapshot
         if now.detection is None or now.result is None:
             raise OutputError(
                 "no result yet", "export", "wait until the boards are found, and tick some pairs"
@@ -200,8 +183,8 @@ class ExportPanel:
 
     def _overlay(self) -> bytes:
         detection, result = self._solved()
-        observation = detection.observations[self._page.session.snapshot.wish.pair]
-        files = self._page.session.files(observation.name)
+        observation = detection.observations[self._session.snapshot.wish.pair]
+        files = self._session.files(observation.name)
         if files.picture is None or files.cloud is None:
             raise OutputError("no overlay of this pair", observation.name, files.problem or "choose another")
         drawn = before_and_after(files.picture, files.cloud, result, observation, detection.board)
@@ -221,7 +204,7 @@ class ExportPanel:
         ros2 = snapshot.result.ros2_static_transform()
         self._copy_ros2.content = copy_button("Copy the ROS 2 command", ros2)
         self._ros2_text.content = f"```\n{ros2}\n```\nParent: the camera's optical frame; child: the LiDAR."
-        line = command(self._page.session.path, snapshot.solved_for)
+        line = command(self._session.path, snapshot.solved_for)
         self._copy_line.content = copy_button("Copy the command that reproduces this", line)
         self._line.content = f"```\n{line.replace('`', ' ')}\n```"
 

@@ -9,7 +9,7 @@ from typing import NoReturn
 from stereocalib_core import __version__
 from stereocalib_core.errors import ConfigError
 
-SOURCES = """\
+SOURCE_HELP = """\
 sources (SOURCE is recognised by what is in it):
   .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
   .../2011_09_26_drive_0009_sync
@@ -38,7 +38,7 @@ examples:
   stereocalib run sequences/07 --out run07 --rig run06/rig.yaml
                                                 carry yaw and lever arm over from another drive
 
-{SOURCES}
+{SOURCE_HELP}
 {EXIT_CODES}
 `stereocalib COMMAND --help` explains one command."""
 
@@ -139,7 +139,7 @@ def build_parser() -> Parser:
             help=help_text,
             description=help_text[0].upper() + help_text[1:] + ".",
             epilog=f"example:\n  {example}\n\n"
-            + (SOURCES + "\n" if "SOURCE" in help_text else "")
+            + (SOURCE_HELP + "\n" if "SOURCE" in help_text else "")
             + EXIT_CODES,
             formatter_class=_Help,
         )

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from stereocalib_app.drive.session import Snapshot
-from stereocalib_app.widgets import palette, text
+from stereocalib_app.widgets import text
+from stereocalib_app.widgets.card import CardRow, card
 
 MOUNT = (
     ("height", "height_m", " m"),
@@ -21,16 +20,6 @@ MOUNT = (
 )
 DIGITS = 3
 SHIFTS_SHOWN = 6
-
-
-@dataclass(frozen=True)
-class CardRow:
-    """One line of the card. limit: the verdict on a tolerance, or empty; `bad` marks what needs attention."""
-
-    name: str
-    value: str
-    limit: str = ""
-    bad: bool = False
 
 
 def plain_units(line: str) -> str:
@@ -115,41 +104,12 @@ def card_text(name: str, snapshot: Snapshot) -> str:
     title, rows = card_rows(snapshot)
     failed = len(snapshot.failures())
     lines = [f"{name}: {title.lower()}", f"frames: {len(snapshot.results)} computed, {failed} failed"]
-    lines += [f"{row.name}: {row.value}" + (f" ({row.limit})" if row.limit else "") for row in rows]
+    lines += [row.line for row in rows]
     why = pair_words(snapshot)
     return "\n".join(lines + ([f"stereo pair, why: {why}"] if why else []))
-
-
-def _cell(value: str, bad: bool, style: str = "") -> str:
-    shown = html.escape(value)
-    if bad:
-        mark = "" if value.startswith(("✗", "not ")) else "⚠ "
-        shown = f'<b style="color:{palette.css(palette.FAILED)}">{mark}{shown}</b>'
-    return f'<td style="{style}">{shown}</td>'
-
-
-def _row(row: CardRow, wide: bool) -> str:
-    name = f'<td style="opacity:0.75;padding-right:0.8em;white-space:nowrap">{html.escape(row.name)}</td>'
-    if row.limit:
-        value = _cell(row.value, False, "font-weight:600;white-space:nowrap")
-        return f"<tr>{name}{value}{_cell(row.limit, row.bad, 'font-size:0.88em;padding-left:0.7em')}</tr>"
-    span = ' colspan="2"' if wide else ""
-    value = _cell(row.value, row.bad, "font-weight:600")
-    return f"<tr>{name}{value.replace('<td', f'<td{span}', 1)}</tr>"
 
 
 def card_html(snapshot: Snapshot) -> str:
     """The card for the page; every string in it is escaped."""
     title, rows = card_rows(snapshot)
-    wide = any(row.limit for row in rows)
-    why = pair_words(snapshot)
-    note = (
-        f'<div style="font-size:0.85em;opacity:0.7;margin-top:0.35em">{html.escape(why)}</div>' if why else ""
-    )
-    return (
-        '<div style="margin:0.2em 0.5em 0.4em;padding:0.5em 0.7em;border-radius:6px;font-size:0.85em;'
-        f'line-height:1.5;border:1px solid rgba(128,128,128,0.45);background:rgba(128,128,128,0.08)">'
-        f'<div style="font-weight:700;margin-bottom:0.25em">{html.escape(title)}</div>'
-        f'<table style="border-spacing:0;width:100%;vertical-align:top">{"".join(_row(r, wide) for r in rows)}'
-        f"</table>{note}</div>"
-    )
+    return card(title, rows, (pair_words(snapshot),))

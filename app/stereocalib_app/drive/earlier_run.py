@@ -51,7 +51,7 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         finished=finished,
         analyse=lambda _results: analysis,
         frames=span,
-        run=folder,
+        run_folder=folder,
         tracks=bool(header),
         notices=lost + other_settings,
     )

@@ -71,7 +71,7 @@ def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     return (json.dumps(io.plain(content), indent=2) + "\n").encode()
 
 
-def run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder: Path) -> None:
+def write_run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder: Path) -> None:
     """The files of a run, as far as the page has them."""
     (folder / "report.json").write_bytes(report(session, snapshot, settings))
     (folder / "extrinsics.csv").write_bytes(csv(session, snapshot, settings))
@@ -81,7 +81,7 @@ def run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder:
 def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Path) -> dict[str, Any]:
     """What differs between the drive on show (A) and an earlier run (B), as `compare_runs` has it."""
     with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
-        run_folder(session, snapshot, settings, Path(folder))
+        write_run_folder(session, snapshot, settings, Path(folder))
         return compare_runs(Path(folder), other)
 
 
@@ -113,7 +113,7 @@ def config_json(session: Session) -> str:
 
 def page_command(session: Session, settings: Settings, frame: int, tolerance: Path | None = None) -> str:
     """The shell command that opens the page as it is on show."""
-    parts = ["stereocalib", "view", session.spec if session.run is None else str(session.run)]
+    parts = ["stereocalib", "view", session.spec if session.run_folder is None else str(session.run_folder)]
     parts += ["--at", str(frame)]
     for word in to_words(settings):
         parts += ["--set", word]
@@ -125,8 +125,10 @@ def page_command(session: Session, settings: Settings, frame: int, tolerance: Pa
 def command(session: Session, tolerance: Path | None = None) -> str:
     """The shell command that computes the drive on show again."""
     parts = ["stereocalib", "run", session.spec, "--out", "out", "--method", session.config.method]
-    if session.run is not None and session.config != replace(PipelineConfig(), method=session.config.method):
-        parts += ["--config", str(session.run / "config.json")]
+    if session.run_folder is not None and session.config != replace(
+        PipelineConfig(), method=session.config.method
+    ):
+        parts += ["--config", str(session.run_folder / "config.json")]
     if session.rig is not None:
         parts += ["--rig", str(session.rig)]
     if tolerance is not None:

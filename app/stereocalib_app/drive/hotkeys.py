@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from stereocalib_app.drive.page import Page
+from stereocalib_app.drive.panels.exports import send_sheet
 from stereocalib_app.drive.settings import PRESETS
 
 
@@ -21,11 +23,11 @@ class Command:
 
 
 def _preset(name: str) -> Callable[[Page], Any]:
-    return lambda page: page.header.choose(name)
+    return lambda page: page.choose(name)
 
 
 def _toggle(axis: str) -> Callable[[Page], Any]:
-    return lambda page: page.header.corrections.toggle(axis)
+    return lambda page: page.what_if.toggle(axis)
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -42,8 +44,8 @@ COMMANDS: tuple[Command, ...] = (
     Command("Yaw correction on or off", "Y", None, _toggle("yaw")),
     Command("Pitch correction on or off", "T", None, _toggle("pitch")),
     Command("Roll correction on or off", "R", None, _toggle("roll")),
-    Command("A / B against the previous correction", "B", None, lambda page: page.header.corrections.swap()),
-    Command("Reset corrections", "0", None, lambda page: page.header.corrections.reset()),
+    Command("A / B against the previous correction", "B", None, lambda page: page.what_if.swap()),
+    Command("Reset corrections", "0", None, lambda page: page.what_if.reset()),
     Command(
         "Follow the car or show the whole drive",
         "C",
@@ -68,6 +70,6 @@ def _register(gui: Any, command: Command, page_of: Callable[[int], Page]) -> Non
     def _(event: Any) -> None:
         page = page_of(event.client_id)
         if command.label == EXPORT:
-            page.run_for_client(event, page.header.exports.send_sheet)
+            page.run_for_client(event, partial(send_sheet, page))
         else:
-            page.run_for_client(event, lambda _client: page.run_command(command.run))
+            page.run_for_client(event, lambda _client: page.one_by_one(command.run, page))

@@ -5,55 +5,88 @@
 
 from __future__ import annotations
 
-import logging
-import threading
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any, Protocol
 
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Doors
 from stereocalib_app.drive.panels.header import HeaderPanel
-from stereocalib_app.drive.panels.timeline import TimelinePanel
+from stereocalib_app.drive.panels.plots import PlotsPanel
 from stereocalib_app.drive.panels.views import ViewsPanel
 from stereocalib_app.drive.path_state import PathBook
 from stereocalib_app.drive.scene_part import ScenePart
 from stereocalib_app.drive.session import Session
 from stereocalib_app.drive.settings import Settings
 from stereocalib_app.drive.viewpoint import FOLLOWING, place_camera
+from stereocalib_app.drive.what_if import WhatIf
 from stereocalib_app.server.clock import ClockState, Playback
-from stereocalib_core.errors import StereoCalibError
+from stereocalib_app.server.library import Library
+from stereocalib_app.widgets.page_base import PageBase
+from stereocalib_app.words.lessons import LESSONS
 from stereocalib_core.files.io import SavedRun
 from stereocalib_core.geometry import Extrinsics
 
-if TYPE_CHECKING:
-    from stereocalib_app.server.hub import Hub
-
-LOG = logging.getLogger(__name__)
 TICKS_AHEAD = 4
 CHOICES = 8
 """So many frames back a picture is taken that is ready rather than one that must be made first."""
 
 
-class Page:
+class Keeper(Protocol):
+    """Who keeps the pages: knows the browsers, and opens other drives."""
+
+    @property
+    def library(self) -> Library:
+        """What may be opened."""
+
+    def may_steer(self, page: Page, client_id: int | None) -> bool:
+        """Whether a browser may change a page."""
+
+    def viewers(self, page: Page) -> list[Any]:
+        """The browsers that show a page."""
+
+    def open(self, page: Page, text: str) -> None:
+        """Open what was typed on a page."""
+
+    def open_upload(self, page: Page, upload: Any) -> None:
+        """Open a zip that was uploaded on a page."""
+
+    def reopen(self, page: Page, spec: str, frame: int, same_before: int) -> None:
+        """Open a variation of the drive of a page."""
+
+    def compare(self, page: Page, text: str) -> None:
+        """Lay an earlier run beside the drive of a page."""
+
+
+class Page(PageBase):
     """Owns its clock, its settings, its panels and its part of the scene."""
 
     def __init__(
         self,
-        hub: Hub,
+        keeper: Keeper,
         api: Any,
         session: Session,
         name: str,
         owner: int | None = None,
         settings: Settings | None = None,
     ) -> None:
-        self.hub, self.api, self.session, self.name, self.owner = hub, api, session, name, owner
-        self.gui = api.gui
+        super().__init__(api.gui)
+        self._keeper, self.api, self.session, self.name, self.owner = keeper, api, session, name, owner
+        self.shared = owner is None
         self.settings = settings or Settings()
+        self.what_if = WhatIf(lambda: self.settings.corrections, lambda new: self.change(corrections=new))
+        self.doors = Doors(
+            keeper.library.root,
+            keeper.library.tolerance,
+            partial(keeper.open, self),
+            partial(keeper.open_upload, self),
+            partial(keeper.reopen, self),
+            partial(keeper.compare, self),
+        )
         self.compared: SavedRun | None = None
         self._roots: list[Any] = []
         self._last: tuple[int, int, Settings, ClockState, int] | None = None
         self._revision = 0
-        self._acting = threading.RLock()
         self._closed = False
         self._book = PathBook(session.source.ground_truth)
         self.playback = Playback(
@@ -66,8 +99,9 @@ class Page:
         with api.atomic():
             self.views = ViewsPanel(self)
             self.header = HeaderPanel(self)
-            self.timeline = TimelinePanel(self)
-            self.scene = ScenePart(self)
+            self.plots = PlotsPanel(self)
+            self.scene = ScenePart(self, api, name)
+        self.parts: dict[str, Any] = {**self.header.parts, **self.plots.parts}
 
     def start(self) -> None:
         """Start the clock."""
@@ -97,55 +131,23 @@ class Page:
         return handle
 
     @property
-    def root_ids(self) -> list[str]:
-        """Identifiers of everything to hide in a browser that leaves this page."""
-        return [handle._impl.uuid for handle in self._roots]
+    def roots(self) -> list[Any]:
+        """The outermost elements, to hide in a browser that leaves this page."""
+        return list(self._roots)
 
-    def on_input(self, handle: Any, action: Callable[[Any], Any]) -> None:
-        """Run `action(value)` when a person (not the program) changes an input."""
-
-        @handle.on_update
-        def _(event: Any) -> None:
-            if event.client_id is not None:
-                self.run_for_client(event, lambda _client: self._one_by_one(action, handle.value))
-
-    def on_click(self, handle: Any, action: Callable[[Any], Any]) -> None:
-        """Run `action(value)` when a person presses a button or one of a group."""
-
-        @handle.on_click
-        def _(event: Any) -> None:
-            if event.client_id is not None:
-                value = getattr(handle, "value", None)
-                self.run_for_client(event, lambda _client: self._one_by_one(action, value))
-
-    def _one_by_one(self, action: Callable[[Any], Any], value: Any) -> None:
-        """viser calls back from many threads: what reads and writes the settings must not interleave."""
-        with self._acting:
-            action(value)
-
-    def run_command(self, run: Callable[[Page], Any]) -> None:
-        """Run a command of the palette on this page."""
-        self._one_by_one(run, self)
-
-    def run_for_client(self, event: Any, action: Callable[[Any], Any]) -> None:
-        """What a person asked for: refused for followers while the lead is held, errors told kindly."""
-        client = event.client
-        if self._closed or client is None:
-            return
-        if not self.hub.may_steer(self, event.client_id):
-            client.add_notification(
-                "The lecturer leads",
-                "Choose “Explore on my own” below to move freely.",
-                auto_close_seconds=6.0,
-            )
-            self.refresh()
-            return
-        try:
-            action(client)
-        except StereoCalibError as error:
-            LOG.info("%s", error)
-            body = f"{error.what}: {error.where}. {error.remedy}"
-            client.add_notification("That did not work", body, color="red", auto_close_seconds=15.0)
+    def may_act(self, event: Any) -> bool:
+        """Followers do not steer while somebody holds the lead."""
+        if self._closed:
+            return False
+        if self._keeper.may_steer(self, event.client_id):
+            return True
+        event.client.add_notification(
+            "The lecturer leads",
+            "Choose “Explore on my own” below to move freely.",
+            auto_close_seconds=6.0,
+        )
+        self.refresh()
+        return False
 
     def change(self, **changes: Any) -> None:
         """Change settings and show the result."""
@@ -153,11 +155,16 @@ class Page:
             self.settings = replace(self.settings, **changes)
         self.playback.poke()
 
+    def choose(self, preset: str) -> None:
+        """Change the preset; each starts with its own view."""
+        layout = LESSONS[self.settings.teach_step].layout if preset == "Teach" else "all stages"
+        self.change(preset=preset, layout=layout)
+
     def set_follow(self, follow: bool) -> None:
         """Follow the car, or stand back so far that the whole drive is in sight."""
         self.change(follow=follow)
         view = FOLLOWING if follow else self.scene.overview()
-        for client in self.hub.viewers(self):
+        for client in self._keeper.viewers(self):
             place_camera(client, view)
 
     def seek_failure(self, direction: int) -> None:
@@ -177,7 +184,7 @@ class Page:
 
     def _notify(self, title: str, words: str) -> None:
         """Tell every browser that shows this page."""
-        for client in self.hub.viewers(self):
+        for client in self._keeper.viewers(self):
             client.add_notification(title, words, auto_close_seconds=5.0)
 
     def set_compared(self, run: SavedRun | None) -> None:
@@ -247,7 +254,7 @@ class Page:
     def _show(self, moment: Moment) -> None:
         """Everything of one moment in one window of messages."""
         with self.api.atomic():
-            for part in (self.views, self.header, self.timeline, self.scene):
+            for part in (self.views, self.header, self.plots, self.scene):
                 part.update(moment)
         self.api.flush()
 

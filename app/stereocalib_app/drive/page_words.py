@@ -10,10 +10,10 @@ from typing import Any, Final
 from stereocalib_app.drive.settings import (
     ERROR_LIMIT_DEG,
     ERROR_LIMIT_M,
+    EXTRINSICS,
     LAYOUTS,
     MODELS,
     PRESETS,
-    SOURCES,
     Corrections,
     Settings,
 )
@@ -50,7 +50,7 @@ _CORRECTIONS: Final[dict[str, Callable[[str], Any]]] = {
     **{f"{axis}_strength": _STRENGTH for axis in ("yaw", "pitch", "roll", "height")},
     **{f"{axis}_error_deg": _ANGLE for axis in ("yaw", "pitch", "roll")},
     "height_error_m": _between(-ERROR_LIMIT_M, ERROR_LIMIT_M),
-    "source": _one_of(SOURCES),
+    "source": _one_of(EXTRINSICS),
     "model": _one_of(MODELS),
 }
 _SETTINGS: Final[dict[str, Callable[[str], Any]]] = {

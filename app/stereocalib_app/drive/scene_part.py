@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.scene import Scene
 from stereocalib_app.drive.viewpoint import FOLLOWING, Viewpoint, overview
 from stereocalib_app.widgets import canvas, palette, text
 from stereocalib_core.geometry import Extrinsics
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 MARKERS = 120
 PLAYING_POINTS, RESTING_POINTS = (3, 0.10), (1, 0.06)
@@ -24,9 +22,9 @@ PLAYING_POINTS, RESTING_POINTS = (3, 0.10), (1, 0.06)
 class ScenePart:
     """The camera over the road, its cloud, and the paths."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self.scene = Scene(page.api, page.session.source.camera, page.name)
+    def __init__(self, host: Host, api: Any, name: str) -> None:
+        self._host = host
+        self.scene = Scene(api, host.session.source.camera, name)
         self._shown_paths: tuple[Any, ...] = ()
         self._marked: tuple[int, ...] = ()
         self._positions: dict[str, NDArray[np.float64]] = {}
@@ -83,13 +81,13 @@ class ScenePart:
         self._marked = frames
         if node is None:
             return
-        page = self._page
+        host = self._host
 
         @node.on_click
         def _(event: Any) -> None:
             index = event.instance_index
             if index is not None and 0 <= index < len(self._marked):
-                page.run_for_client(event, lambda _client: page.playback.seek(self._marked[index]))
+                host.run_for_client(event, lambda _client: host.playback.seek(self._marked[index]))
 
     def overview(self) -> Viewpoint:
         """A viewpoint with every path in sight."""

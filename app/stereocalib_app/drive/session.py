@@ -74,7 +74,7 @@ class Snapshot:
 class Session:
     """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable.
 
-    spec: the SOURCE that `run` would be given. run: the earlier run that was opened, or None.
+    spec: the SOURCE that `run` would be given. run_folder: the earlier run that was opened, or None.
     finished: frames 0, 1, ... that need not be computed again. tracks: whether `finished` holds their tracks,
     without which no path can be computed anew. notices: what the page cannot show of it.
     """
@@ -89,12 +89,12 @@ class Session:
         finished: Sequence[Done] = (),
         rig: Path | None = None,
         frames: tuple[int, int] | None = None,
-        run: Path | None = None,
+        run_folder: Path | None = None,
         tracks: bool = True,
         notices: tuple[str, ...] = (),
     ) -> None:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
-        self.frames, self.run, self.tracks, self.notices = frames, run, tracks, notices
+        self.frames, self.run_folder, self.tracks, self.notices = frames, run_folder, tracks, notices
         self._analyse = analyse
         self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
         self._views: dict[str, FrameViews] = {}
@@ -178,7 +178,7 @@ class Session:
                 self._publish(problem="the computation stopped unexpectedly: see the terminal", done=True)
 
     def _report(self, results: Sequence[FrameResult], analysis: DriveAnalysis | None) -> Mapping[str, Any]:
-        if self.run is not None and analysis is not None:
+        if self.run_folder is not None and analysis is not None:
             return analysis.report
         rate = self._snapshot.frames_per_second
         elapsed_s = len(results) / rate if rate > 0 else 0.0

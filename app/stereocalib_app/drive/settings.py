@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 PRESETS = ("Inspect", "Teach", "Debug")
 MODELS = ("full", "planar", "nonholonomic")
-SOURCES = ("filtered", "raw")
+EXTRINSICS = ("filtered", "raw")
 ERROR_LIMIT_DEG, ERROR_LIMIT_M = 2.0, 0.30
 LAYOUTS = ("all stages", "disparity", "u-disparity", "free map", "v-disparity")
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import viser
 
-from stereocalib_app.widgets import palette
+from stereocalib_app.widgets.page_base import set_theme
 
-if TYPE_CHECKING:
-    from stereocalib_app.server.hub import Hub
+
+class Leading(Protocol):
+    """Who leads, and which page a browser shows. leader: number of the browser that holds the lead, or None."""
+
+    leader: int | None
+
+    def detach(self, client: viser.ClientHandle) -> None:
+        """Give a browser a page of its own."""
+
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Bring it back to the shared page."""
 
 
 class BrowserPanel:
@@ -19,7 +28,7 @@ class BrowserPanel:
         """Say whether this browser explores on its own."""
         self._own.value = own
 
-    def __init__(self, hub: Hub, client: viser.ClientHandle) -> None:
+    def __init__(self, hub: Leading, client: viser.ClientHandle) -> None:
         gui = client.gui
         with gui.add_folder("This browser", expand_by_default=False, order=1e6):
             self._own: Any = gui.add_checkbox(
@@ -53,9 +62,4 @@ class BrowserPanel:
 
         @self._light.on_update
         def _(event: Any) -> None:
-            gui.configure_theme(
-                dark_mode=not self._light.value,
-                show_logo=False,
-                show_share_button=False,
-                brand_color=palette.BRAND,
-            )
+            set_theme(gui, dark=not self._light.value)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import viser
-from viser import _messages
 
 from stereocalib_app.drive import hotkeys
 from stereocalib_app.drive.page import Page
@@ -19,7 +18,8 @@ from stereocalib_app.drive.viewpoint import FOLLOWING, UP
 from stereocalib_app.server.browser_panel import BrowserPanel
 from stereocalib_app.server.inputs import guard
 from stereocalib_app.server.library import Library
-from stereocalib_app.widgets import palette
+from stereocalib_app.server.viser_internals import set_width, show_elements, show_node
+from stereocalib_app.widgets.page_base import set_theme
 from stereocalib_core.errors import SourceError
 from stereocalib_core.files.io import read_run
 
@@ -54,9 +54,7 @@ class Hub:
         self._sessions: list[Session] = [session]
         self.leader: int | None = None
         self.closed = False
-        server.gui.configure_theme(
-            dark_mode=True, show_logo=False, show_share_button=False, brand_color=palette.BRAND
-        )
+        set_theme(server.gui)
         server.initial_camera.position = FOLLOWING.position
         server.initial_camera.look_at = FOLLOWING.look_at
         server.initial_camera.up = UP
@@ -148,7 +146,7 @@ class Hub:
             if frame is not None:
                 fresh.playback.seek(frame)
             fresh.start()
-            if frame is None and session.run is None:
+            if frame is None and session.run_folder is None:
                 fresh.playback.play()
             self._drop_unused()
         for client in self.server.get_clients().values():
@@ -201,16 +199,14 @@ class Hub:
         client = self.server.get_clients().get(client_id)
         if client is None:
             return
-        connection = client._websock_connection
-        for uuid in self.shared.root_ids:
-            connection.queue_message(_messages.GuiUpdateMessage(uuid, {"visible": visible}))
-        connection.queue_message(_messages.SetSceneNodeVisibilityMessage("/lead", visible))
+        show_elements(client, self.shared.roots, visible)
+        show_node(client, f"/{self.shared.name}", visible)
 
     def _place(self, page: Page) -> None:
         """Put the panels of a page where they belong."""
         page.views.panel.dock_left()
         page.views.panel.set_width(views_width(720, 1280))
-        page.timeline.panel.float(x=8, y=-8, width=460)
+        page.plots.panel.float(x=8, y=-8, width=460)
 
     def fit(self, client: viser.ClientHandle) -> None:
         """Give the pictures the height that this browser has, and the time line what is left between the panels."""
@@ -221,18 +217,9 @@ class Hub:
         if (name, docked) != (page.name, views):
             # Only then: a width that somebody has dragged must stay.
             self._views_px[client.client_id] = page.name, views
-            self._set_width(client, page, page.views.panel, views)
+            set_width(client, page.gui, page.views.panel, views)
         room = between + docked - views - 16
-        self._set_width(client, page, page.timeline.panel, int(np.clip(room, *TIMELINE_WIDTH_PX)))
-
-    def _set_width(self, client: viser.ClientHandle, page: Page, panel: Any, width: int) -> None:
-        message = _messages.GuiSetPanelWidthMessage(
-            panel._impl.uuid,
-            width,
-            counter=page.gui._next_layout_counter(),
-            run_id=page.gui._layout_run_id,
-        )
-        client._websock_connection.queue_message(message)
+        set_width(client, page.gui, page.plots.panel, int(np.clip(room, *TIMELINE_WIDTH_PX)))
 
     def _connected(self, client: viser.ClientHandle) -> None:
         guard(client.gui)

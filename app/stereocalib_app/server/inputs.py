@@ -1,8 +1,7 @@
 """What a browser may send: only the value of a control, and only one that the page itself could have made.
 
 viser takes over whatever a message says and passes it on to every browser; a hostile or broken client could stop
-the page for a whole class. The check is put in front of viser's own handler, which leans on its internals: the
-version is pinned and a test watches over it.
+the page for a whole class. The check is put in front of viser's own handler.
 """
 
 from __future__ import annotations
@@ -11,7 +10,9 @@ import logging
 import math
 from typing import Any
 
-from viser import GuiApi, _messages
+from viser import GuiApi
+
+from stereocalib_app.server.viser_internals import check_values, held_value
 
 LOG = logging.getLogger(__name__)
 LONGEST_TEXT = 4_000
@@ -19,7 +20,7 @@ LONGEST_TEXT = 4_000
 
 def acceptable(control: Any, value: Any) -> bool:
     """Whether `value` is one that a person can set on a control (a viser handle)."""
-    now = control._impl.value
+    now = held_value(control)
     options = getattr(control, "options", None)
     if options is not None:
         return isinstance(value, str) and value in options
@@ -35,18 +36,8 @@ def acceptable(control: Any, value: Any) -> bool:
 
 def guard(gui: GuiApi) -> None:
     """Refuse every other message that would change a control of `gui`."""
-    original = gui._handle_gui_updates
 
-    async def checked(client_id: int, message: _messages.GuiUpdateMessage) -> None:
-        control = gui._gui_input_handle_from_uuid.get(message.uuid)
-        if control is None:
-            return
-        if message.updates.keys() == {"value"} and acceptable(control, message.updates["value"]):
-            await original(client_id, message)  # type: ignore[arg-type]
-            return
+    def refused(client_id: int) -> None:
         LOG.info("browser %d sent a value that no person can set: refused", client_id)
-        held = _messages.GuiUpdateMessage(message.uuid, {"value": control._impl.value})
-        gui._websock_interface.queue_message(held)
 
-    gui._websock_interface.unregister_handler(_messages.GuiUpdateMessage, original)
-    gui._websock_interface.register_handler(_messages.GuiUpdateMessage, checked)
+    check_values(gui, acceptable, refused)

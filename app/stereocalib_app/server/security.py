@@ -1,34 +1,25 @@
 """A viser server for one machine: bound to one address, foreign pages refused, never shared to the internet.
 
-viser 1.1 accepts any WebSocket Origin and lets any browser request a public tunnel. The check of Host and
-Origin is put in front of viser's own request handler while the server starts; that leans on its internals, so
-the version is pinned and a test watches over it.
+viser 1.1 accepts any WebSocket Origin and lets any browser request a public tunnel. The check of Host and Origin is
+put in front of viser's own request handler while the server starts.
 """
 
 from __future__ import annotations
 
-import http
 import ipaddress
 import logging
 import socket
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
-import rich
 import viser
-import websockets.asyncio.server
-from websockets.datastructures import Headers
-from websockets.http11 import Request, Response
 
 from stereocalib_app.server.inputs import guard
+from stereocalib_app.server.viser_internals import requests_checked, silent
 from stereocalib_core.errors import ConfigError
 
 LOG = logging.getLogger(__name__)
 LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
-_START = threading.Lock()
 
 
 def allowed_names(host: str) -> frozenset[str]:
@@ -84,29 +75,6 @@ class LocalServer(viser.ViserServer):
         return None
 
 
-@contextmanager
-def _guarded(host: str) -> Iterator[None]:
-    """While the server starts: put the check before viser's handler, and keep its banner off the terminal."""
-    names, any_address = allowed_names(host), host not in LOCAL_NAMES
-    original, original_print = websockets.asyncio.server.serve, rich.print
-
-    def serve(*args: Any, process_request: Callable[..., Any] | None = None, **kwargs: Any) -> Any:
-        def checked(connection: Any, request: Request) -> Response | None:
-            if not request_allowed(request.headers, names, any_address):
-                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers(), b"foreign page refused\n")
-            return None if process_request is None else process_request(connection, request)
-
-        return original(*args, process_request=checked, **kwargs)
-
-    websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]
-    rich.print = lambda *args, **kwargs: None
-    try:
-        yield
-    finally:
-        websockets.asyncio.server.serve = original  # type: ignore[misc]
-        rich.print = original_print
-
-
 def _check_host(host: str) -> None:
     try:
         family, kind, *_, address = socket.getaddrinfo(host or "?", 0, type=socket.SOCK_STREAM)[0]
@@ -125,7 +93,8 @@ def create_server(host: str, port: int) -> LocalServer:
     _check_host(host)
     # Browsers open connections ahead and drop them unused; a traceback for each is no news for anybody.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-    with _START, _guarded(host):
+    names, any_address = allowed_names(host), host not in LOCAL_NAMES
+    with requests_checked(lambda headers: request_allowed(headers, names, any_address)):
         server = LocalServer(host=host, port=port, label="stereocalib", verbose=False)
     guard(server.gui)
     return server
@@ -133,10 +102,5 @@ def create_server(host: str, port: int) -> LocalServer:
 
 def stop_server(server: viser.ViserServer) -> None:
     """Stop it without viser's farewell on the terminal."""
-    with _START:
-        original = rich.print
-        rich.print = lambda *args, **kwargs: None
-        try:
-            server.stop()
-        finally:
-            rich.print = original
+    with silent():
+        server.stop()

@@ -28,13 +28,14 @@ GRID_INK = "rgba(139,146,155,0.22)"
 
 @dataclass(frozen=True)
 class Curve:
-    """One series: `values` over x; `dots` draws points instead of a line; `hidden` only bounds a band; `step`
-    does not slope between samples at the chart's edges."""
+    """One series: `values` over x; `dots` draws points instead of a line, `marks` beside it; `hidden` only bounds a
+    band; `step` does not slope between samples at the chart's edges."""
 
     name: str
     values: NDArray[np.float64]
     color: palette.Rgb
     dots: bool = False
+    marks: bool = False
     hidden: bool = False
     width: float = 1.8
     dash: tuple[float, ...] = ()
@@ -156,7 +157,7 @@ def chart_options(chart: Chart, height: int, show_x: bool) -> dict[str, Any]:
             entry["width"] = 0
             entry["points"] = {"show": True, "size": 4, "stroke": stroke, "fill": stroke, "space": 0}
         else:
-            entry["points"] = {"show": False}
+            entry["points"] = {"show": True, "size": 5} if curve.marks else {"show": False}
         if curve.dash:
             entry["dash"] = curve.dash
         series.append(entry)
@@ -195,3 +196,19 @@ def chart_options(chart: Chart, height: int, show_x: bool) -> dict[str, Any]:
         "height": height,
         "padding": (TOP_PX, PADDING_PX, 2, 0),
     }
+
+
+class ChartView:
+    """A chart in a panel, `height` pixels high; only what has changed is sent again."""
+
+    def __init__(self, gui: Any, chart: Chart, height: int, show_x: bool = True) -> None:
+        self._height, self._show_x = height, show_x
+        self.chart = chart
+        self._plot = gui.add_uplot(chart_data(chart), **chart_options(chart, height, show_x))
+
+    def show(self, chart: Chart) -> None:
+        """Draw the curves of `chart` instead; its labels and the number of its curves stay."""
+        old, self.chart = self.chart, chart
+        if (chart.y_range, chart.x[0], chart.x[-1]) != (old.y_range, old.x[0], old.x[-1]):
+            self._plot.scales = chart_options(chart, self._height, self._show_x)["scales"]
+        self._plot.data = chart_data(chart)

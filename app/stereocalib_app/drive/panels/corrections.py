@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereocalib_app.drive.moment import Moment
-from stereocalib_app.drive.settings import ERROR_LIMIT_DEG, ERROR_LIMIT_M, MODELS, SOURCES, Corrections
+from stereocalib_app.drive.panel import Host
+from stereocalib_app.drive.settings import ERROR_LIMIT_DEG, ERROR_LIMIT_M, EXTRINSICS, MODELS, Corrections
 from stereocalib_app.widgets import palette, text
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 AXES = ("yaw", "pitch", "roll", "height")
 
@@ -24,14 +21,13 @@ def error_field(axis: str) -> str:
 class CorrectionsPanel:
     """Lives in a tab of the main panel."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
-        self._previous = Corrections()
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
         self._strength: dict[str, Any] = {}
         self._error: dict[str, Any] = {}
         words = "How much of each estimate the odometry uses, and an error put in on purpose."
-        if not page.session.tracks:
+        if not host.session.tracks:
             words = "This run holds no tracks to correct. Open the drive itself to try corrections."
         gui.add_markdown(words)
         for axis in AXES:
@@ -49,10 +45,10 @@ class CorrectionsPanel:
             self._error[axis] = gui.add_slider(
                 f"{axis} added {unit}", -limit, limit, step, 0.0, hint=f"Added to the {axis} in every frame."
             )
-            page.on_input(self._strength[axis], partial(self._set_strength, axis))
-            page.on_input(self._error[axis], partial(self._set_error, error_field(axis)))
+            host.on_input(self._strength[axis], partial(self._set_strength, axis))
+            host.on_input(self._error[axis], partial(self._set_error, error_field(axis)))
         self._source = gui.add_dropdown(
-            "Extrinsics", SOURCES, initial_value="filtered", hint="After the filter, or each pair alone."
+            "Extrinsics", EXTRINSICS, initial_value="filtered", hint="After the filter, or each pair alone."
         )
         self._model = gui.add_dropdown(
             "Motion",
@@ -64,45 +60,16 @@ class CorrectionsPanel:
             "", ("A / B", "Reset"), hint="A / B swaps with the setting before the last change."
         )
         self._state = gui.add_markdown("")
-        page.on_input(self._source, lambda value: self.set(source=value))
-        page.on_input(self._model, lambda value: self.set(model=value))
-        page.on_click(self._buttons, lambda value: self.reset() if value == "Reset" else self.swap())
+        host.on_input(self._source, lambda value: host.what_if.set(source=value))
+        host.on_input(self._model, lambda value: host.what_if.set(model=value))
+        what_if = host.what_if
+        host.on_click(self._buttons, lambda value: what_if.reset() if value == "Reset" else what_if.swap())
 
     def _set_strength(self, axis: str, percent: float) -> None:
-        self.set(**{f"{axis}_strength": percent / 100.0})
+        self._host.what_if.set(**{f"{axis}_strength": percent / 100.0})
 
     def _set_error(self, name: str, value: float) -> None:
-        self.set(**{name: float(value)})
-
-    def set(self, **changes: Any) -> None:
-        """Change some corrections; the first of a series of changes to the same field is kept for A / B."""
-        now = self._page.settings.corrections
-        new = replace(now, **changes)
-        fields = {k for k in vars(now) if getattr(now, k) != getattr(new, k)}
-        last = {k for k in vars(now) if getattr(now, k) != getattr(self._previous, k)}
-        if fields != last:
-            self._previous = now
-        self._page.change(corrections=new)
-
-    def replace_all(self, corrections: Corrections) -> None:
-        """Take over a whole setting."""
-        self._previous = self._page.settings.corrections
-        self._page.change(corrections=corrections)
-
-    def toggle(self, axis: str) -> None:
-        """Switch one correction between 0 and 100 %."""
-        now = getattr(self._page.settings.corrections, f"{axis}_strength")
-        self.set(**{f"{axis}_strength": 0.0 if now > 0 else 1.0})
-
-    def swap(self) -> None:
-        """A / B against the previous setting."""
-        now = self._page.settings.corrections
-        self._page.change(corrections=self._previous)
-        self._previous = now
-
-    def reset(self) -> None:
-        """Back to the plain result."""
-        self.replace_all(Corrections())
+        self._host.what_if.set(**{name: float(value)})
 
     def update(self, moment: Moment) -> None:
         """Show what is set."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from stereocalib_app.drive.card import shift_words
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.faults import FaultsPanel
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import palette, text
@@ -16,9 +17,6 @@ from stereocalib_app.words.remedies import REMEDIES
 from stereocalib_core.back.rig.shift_alarm import UNSEEN
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.results import Check
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 NOWHERE = "–"
 LISTED = 400
@@ -135,9 +133,9 @@ def shifts_head(count: int) -> str:
 class DebugPanel:
     """A folder of the guide tab."""
 
-    def __init__(self, page: Page) -> None:
-        gui = page.gui
-        self._page = page
+    def __init__(self, host: Host) -> None:
+        gui = host.gui
+        self._host = host
         self._verdict = gui.add_markdown("")
         self._failures = gui.add_dropdown(
             "Failures", ("none",), hint="All failed frames with their reason. Choose one to go there."
@@ -148,18 +146,18 @@ class DebugPanel:
         self._jump = gui.add_button_group("", ("◀ failure", "failure ▶"))
         self._checks = gui.add_html("")
         self._faults: FaultsPanel | None = None
-        if page.session.spec.startswith("synthetic"):
+        if host.session.spec.startswith("synthetic"):
             with gui.add_folder("Break this synthetic drive"):
-                self._faults = FaultsPanel(page)
+                self._faults = FaultsPanel(host)
         for handle in (self._failures, self._shifts):
-            page.on_input(handle, self._go)
-        page.on_click(self._jump, lambda v: page.seek_failure(1 if v.startswith("failure") else -1))
+            host.on_input(handle, self._go)
+        host.on_click(self._jump, lambda v: host.seek_failure(1 if v.startswith("failure") else -1))
 
     def _go(self, option: Any) -> None:
         frame = frame_of(str(option))
         if frame is not None:
-            self._page.playback.play(False)
-            self._page.playback.seek(frame)
+            self._host.playback.play(False)
+            self._host.playback.seek(frame)
 
     def update(self, moment: Moment) -> None:
         """Show the frame's numbers and the lists."""

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.widgets import chart as plots
 from stereocalib_app.widgets import palette
-from stereocalib_app.widgets.chart import Chart, Curve
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
+from stereocalib_app.widgets.chart import Chart, ChartView, Curve
 
 NAMES = tuple(name for name in palette.VARIANT if name != "ground_truth")
 DRAWN = (*(name for name in NAMES[::-1] if name != "live"), "live")
@@ -51,16 +47,11 @@ def error_charts(moment: Moment | None) -> list[Chart]:
 class ErrorsPanel:
     """A tab of the time line's panel."""
 
-    def __init__(self, page: Page) -> None:
-        gui = page.gui
+    def __init__(self, host: Host) -> None:
+        gui = host.gui
         self._note = gui.add_markdown("")
-        charts = error_charts(None)
         self._now = gui.add_html("<div></div>")
-        self._plots: list[Any] = [
-            gui.add_uplot(plots.chart_data(chart), **plots.chart_options(chart, PLOT_PX, show_x=True))
-            for chart in charts
-        ]
-        self._charts = charts
+        self._plots = [ChartView(gui, chart, PLOT_PX) for chart in error_charts(None)]
         self._shown: tuple[object, ...] = ()
 
     def update(self, moment: Moment) -> None:
@@ -82,18 +73,11 @@ class ErrorsPanel:
         )
         shown = (moment.paths, moment.settings.paths)
         if len(self._shown) != len(shown) or any(a is not b for a, b in zip(shown, self._shown, strict=True)):
-            self._redraw(moment)
+            for plot, chart in zip(self._plots, error_charts(moment), strict=True):
+                plot.show(chart)
             self._shown = shown
-        self._now.content = plots.now_line(self._charts[0], where(moment, self._charts[0]), NOW_PX)
-
-    def _redraw(self, moment: Moment) -> None:
-        charts = error_charts(moment)
-        for plot, chart, old in zip(self._plots, charts, self._charts, strict=True):
-            options = plots.chart_options(chart, PLOT_PX, show_x=True)
-            if chart.y_range != old.y_range or (chart.x[0], chart.x[-1]) != (old.x[0], old.x[-1]):
-                plot.scales = options["scales"]
-            plot.data = plots.chart_data(chart)
-        self._charts = charts
+        first = self._plots[0].chart
+        self._now.content = plots.now_line(first, where(moment, first), NOW_PX)
 
 
 def where(moment: Moment, chart: Chart) -> float | None:

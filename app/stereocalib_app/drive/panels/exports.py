@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 from stereocalib_app.drive import exports
 from stereocalib_app.drive.card import card_text
 from stereocalib_app.drive.figure_sheet import figure_sheet
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Settings
 from stereocalib_app.widgets.copy_button import copy_button
 from stereocalib_core.errors import OutputError
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 Maker = Callable[[Session, Snapshot, Settings], bytes]
 
@@ -34,40 +33,35 @@ FILES: tuple[tuple[str, str, Maker, str], ...] = (
 )
 
 
+def made(host: Host, name: str, make: Maker) -> bytes:
+    """A file of what is computed so far; raises OutputError where that is nothing."""
+    snapshot = host.session.snapshot
+    if not snapshot.results:
+        raise OutputError("nothing computed yet", name, "wait for the first frames")
+    return make(host.session, snapshot, host.settings)
+
+
+def send_sheet(host: Host, client: Any) -> None:
+    """The figure sheet as a download."""
+    name = "figures.png"
+    client.send_file_download(name, made(host, name, _sheet), save_immediately=True)
+
+
 class ExportPanel:
     """A tab of the main panel."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
         gui.add_markdown("What is computed so far, with the corrections that are set.")
         for label, name, make, hint in FILES:
-            button = gui.add_button(label, hint=hint)
-            self._connect(button, name, make)
+            host.on_download(gui.add_button(label, hint=hint), name, partial(made, host, name, make))
         self._copy_page, self._page_command = gui.add_html(""), gui.add_markdown("")
         self._copy, self._command = gui.add_html(""), gui.add_markdown("")
 
-    def send_sheet(self, client: Any) -> None:
-        """The figure sheet as a download."""
-        self._send(client, "figures.png", _sheet)
-
-    def _connect(self, button: Any, name: str, make: Maker) -> None:
-        page = self._page
-
-        @button.on_click
-        def _(event: Any) -> None:
-            page.run_for_client(event, lambda client: self._send(client, name, make))
-
-    def _send(self, client: Any, name: str, make: Maker) -> None:
-        page = self._page
-        snapshot = page.session.snapshot
-        if not snapshot.results:
-            raise OutputError("nothing computed yet", name, "wait for the first frames")
-        client.send_file_download(name, make(page.session, snapshot, page.settings), save_immediately=True)
-
     def update(self, moment: Moment) -> None:
         """Show the command."""
-        tolerance = self._page.hub.library.tolerance
+        tolerance = self._host.doors.tolerance
         if (
             moment.settings_changed
             or moment.drive_changed

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.widgets import text
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.simulator.faults import parse_fault
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 KINDS = (
     *("knock", "drift", "rectification", "dirt", "glare", "drop", "swap", "freeze"),
@@ -61,20 +57,20 @@ def same_before(faults: list[str]) -> int:
 class FaultsPanel:
     """A folder of Debug, for synthetic drives only."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
         self._kind = gui.add_dropdown("Fault", KINDS, hint="What goes wrong, from the frame on show onwards.")
         self._axis = gui.add_dropdown("Axis", AXES, hint="For knock, drift and rectification.")
         self._size = gui.add_number("Size", 0.5, step=0.05, hint="Degrees, or metres for height, x and z.")
         self._length = gui.add_number("Frames", 0, min=0, step=1, hint="How long it lasts; 0 = to the end.")
         self._buttons = gui.add_button_group("", ("Switch on", "All off"))
         self._state = gui.add_markdown("")
-        page.on_click(self._buttons, self._press)
+        host.on_click(self._buttons, self._press)
 
     def _press(self, button: str) -> None:
-        page = self._page
-        spec, frame, first = page.session.spec, page.playback.state.frame, self._first_frame()
+        host = self._host
+        spec, frame, first = host.session.spec, host.playback.state.frame, self._first_frame()
         if button == "All off":
             wanted, changed = without_faults(spec), faults_of(spec)
         else:
@@ -84,11 +80,11 @@ class FaultsPanel:
                 self._kind.value, self._axis.value, float(self._size.value), first + frame, last
             )
             wanted, changed = with_fault(spec, fault), [fault.removeprefix("fault=")]
-        page.hub.reopen(page, wanted, frame, max(0, same_before(changed) - first))
+        host.doors.reopen(wanted, frame, max(0, same_before(changed) - first))
 
     def _first_frame(self) -> int:
         """The drive's number of the page's frame 0."""
-        frames = self._page.session.frames
+        frames = self._host.session.frames
         return 0 if frames is None else frames[0]
 
     def update(self, moment: Moment) -> None:

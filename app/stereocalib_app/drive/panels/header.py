@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereocalib_app.drive.moment import Moment
-from stereocalib_app.drive.panels.corrections import CorrectionsPanel
-from stereocalib_app.drive.panels.debug import DebugPanel
-from stereocalib_app.drive.panels.exports import ExportPanel
-from stereocalib_app.drive.panels.inspect import InspectPanel
-from stereocalib_app.drive.panels.opener import OpenPanel
-from stereocalib_app.drive.panels.path import PathPanel
-from stereocalib_app.drive.panels.teach import TeachPanel
+from stereocalib_app.drive.panel import Host, Panel
+from stereocalib_app.drive.panels.table import GUIDES, TABS
 from stereocalib_app.drive.session import Session
 from stereocalib_app.drive.settings import PRESETS
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.style import chosen, style_sheet
-from stereocalib_app.words.lessons import LESSONS
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 
 def drive_title(session: Session) -> str:
     """The drive's name, then in small print what is special about it. Markdown."""
     name, _, options = session.source.name.partition("?")
     facts = [f"{len(session.source)} frames", f"{session.config.method} method"]
-    if session.run is not None:
-        facts.append(f"run {session.run.name}")
+    if session.run_folder is not None:
+        facts.append(f"run {session.run_folder.name}")
     if session.frames is not None:
         first, end = session.frames
         facts.append(f"frames {first} to {end - 1} of the recording")
@@ -56,52 +47,39 @@ def drive_line(moment: Moment) -> str:
 class HeaderPanel:
     """Docked right."""
 
-    def __init__(self, page: Page) -> None:
-        gui = page.gui
-        self._page = page
-        self._drive = page.add_root(gui.add_markdown(""))
-        self._progress = page.add_root(gui.add_progress_bar(0.0))
-        page.add_root(gui.add_html(style_sheet()))
-        self._chosen = page.add_root(gui.add_html(chosen(0)))
-        self._preset = page.add_root(
+    def __init__(self, host: Host) -> None:
+        gui = host.gui
+        self._host = host
+        self._drive = host.add_root(gui.add_markdown(""))
+        self._progress = host.add_root(gui.add_progress_bar(0.0))
+        host.add_root(gui.add_html(style_sheet()))
+        self._chosen = host.add_root(gui.add_html(chosen(0)))
+        self._preset = host.add_root(
             gui.add_button_group(
                 "View", PRESETS, hint="Inspect a drive, teach the method, or find out why a frame failed."
             )
         )
-        page.on_click(self._preset, self.choose)
-        self.tabs = page.add_root(gui.add_tab_group())
+        host.on_click(self._preset, host.choose)
+        tabs = host.add_root(gui.add_tab_group())
         self._guides: dict[str, Any] = {}
-        self._parts: list[Any] = []
-        with self.tabs.add_tab("Guide"):
-            for name, build in (("Inspect", InspectPanel), ("Teach", TeachPanel), ("Debug", DebugPanel)):
-                self._guides[name] = gui.add_folder(name, visible=name == "Inspect")
+        self.parts: dict[str, Panel] = {}
+        with tabs.add_tab("Guide"):
+            for name, build in GUIDES:
+                self._guides[name] = gui.add_folder(name, visible=name == PRESETS[0])
                 with self._guides[name]:
-                    self._parts.append(build(page))
-        self.teach: TeachPanel = self._parts[1]
-        with self.tabs.add_tab("Correct"):
-            self.corrections: CorrectionsPanel = CorrectionsPanel(page)
-        with self.tabs.add_tab("Paths"):
-            self._parts.append(PathPanel(page))
-        with self.tabs.add_tab("Export"):
-            self.exports: ExportPanel = ExportPanel(page)
-            self._parts.append(self.exports)
-        with self.tabs.add_tab("Open"):
-            self._parts.append(OpenPanel(page))
-        self._parts.append(self.corrections)
-
-    def choose(self, preset: str) -> None:
-        """Change the preset; each starts with its own view."""
-        layout = LESSONS[self._page.settings.teach_step].layout if preset == "Teach" else "all stages"
-        self._page.change(preset=preset, layout=layout)
+                    self.parts[name] = build(host)
+        for name, build in TABS:
+            with tabs.add_tab(name):
+                self.parts[name] = build(host)
 
     def update(self, moment: Moment) -> None:
         """Show progress, the drive's state, and the guide of the preset."""
-        own = "" if self._page.owner is None else "\n\n*exploring on your own*"
+        own = "" if self._host.shared else "\n\n*exploring on your own*"
         self._drive.content = drive_line(moment) + own
         self._progress.value = 100.0 * moment.snapshot.progress
         self._progress.visible = not moment.snapshot.done
         self._chosen.content = chosen(PRESETS.index(moment.settings.preset))
         for name, folder in self._guides.items():
             folder.visible = name == moment.settings.preset
-        for part in self._parts:
+        for part in self.parts.values():
             part.update(moment)

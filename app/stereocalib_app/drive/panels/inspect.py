@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from stereocalib_app.drive.card import card_html, card_text
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.timeline import now_table
 from stereocalib_app.drive.summary import drive_summary, path_legend
 from stereocalib_app.widgets.copy_button import copy_button
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 
 class InspectPanel:
     """A folder of the guide tab."""
 
-    def __init__(self, page: Page) -> None:
-        gui = page.gui
+    def __init__(self, host: Host) -> None:
+        gui = host.gui
         self._card = gui.add_html("")
         self._copy = gui.add_html("")
         self._now = gui.add_html("")

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereocalib_app.drive import exports
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.summary import difference_table
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.tables import note
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.io import SavedRun
 
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
-
 
 class OpenPanel:
     """A tab of the main panel."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
-        root = page.hub.library.root
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
+        root = host.doors.root
         gui.add_markdown(
             "A folder (KITTI odometry, KITTI raw, plain `left/ right/ camera.yaml`), an earlier run, or "
             f"`synthetic`. Paths are read below\n\n{text.code(root, 120)}"
@@ -45,12 +43,12 @@ class OpenPanel:
             self._difference = gui.add_html("")
         self._compared: SavedRun | None = None
         self._done = False
-        page.on_click(self._open, lambda _: page.hub.open(page, self._path.value))
-        page.on_click(self._lay, lambda _: page.hub.compare(page, self._compare.value))
+        host.on_click(self._open, lambda _: host.doors.open(self._path.value))
+        host.on_click(self._lay, lambda _: host.doors.compare(self._compare.value))
 
         @self._upload.on_upload
         def _(event: Any) -> None:
-            page.run_for_client(event, lambda _client: page.hub.open_upload(page, event.target.value))
+            host.run_for_client(event, lambda _client: host.doors.open_upload(event.target.value))
 
     def update(self, moment: Moment) -> None:
         """Say what the source lacks."""

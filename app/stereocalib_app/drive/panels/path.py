@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.summary import path_table
 from stereocalib_app.widgets import palette
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 
 class PathPanel:
     """A tab of the main panel."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
-        truth = page.session.source.ground_truth
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
+        truth = host.session.source.ground_truth
         names = [
             n
             for n in palette.VARIANT
@@ -38,19 +36,19 @@ class PathPanel:
         self._error = gui.add_checkbox(
             "Colour by error", False, hint="Colours the autocalibrated path by its distance from the truth."
         )
-        page.on_input(self._follow, page.set_follow)
-        page.on_input(self._cloud, lambda value: page.change(cloud=value))
-        page.on_input(self._markers, lambda value: page.change(markers=value))
-        page.on_input(self._error, lambda value: page.change(color_by_error=value))
+        host.on_input(self._follow, host.set_follow)
+        host.on_input(self._cloud, lambda value: host.change(cloud=value))
+        host.on_input(self._markers, lambda value: host.change(markers=value))
+        host.on_input(self._error, lambda value: host.change(color_by_error=value))
         with gui.add_folder("Paths on show"):
             for name in names:
                 self._shown[name] = gui.add_checkbox(
                     palette.VARIANT_NAME[name], True, hint="Show or hide this path."
                 )
-                page.on_input(self._shown[name], partial(self._show, name))
+                host.on_input(self._shown[name], partial(self._show, name))
 
     def _show(self, name: str, value: bool) -> None:
-        self._page.change(paths=MappingProxyType({**self._page.settings.paths, name: value}))
+        self._host.change(paths=MappingProxyType({**self._host.settings.paths, name: value}))
 
     def update(self, moment: Moment) -> None:
         """Show what is set, and the table."""

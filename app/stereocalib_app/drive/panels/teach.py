@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_app.words import lessons
 from stereocalib_app.words.lessons import LESSONS
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 
 class TeachPanel:
     """A folder of the guide tab."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui = page.gui
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui = host.gui
         titles = tuple(f"{i + 1} {lesson.title}" for i, lesson in enumerate(LESSONS))
         self._titles = titles
         self._step = gui.add_dropdown("Step", titles, initial_value=titles[0])
@@ -28,28 +24,28 @@ class TeachPanel:
         self._break = gui.add_button("Break it", hint="Breaks this step on purpose.")
         self._mend = gui.add_button("Mend it", hint="Everything back as measured.", visible=False)
         self._effect = gui.add_markdown("")
-        page.on_input(self._step, lambda value: self.go(titles.index(value)))
-        page.on_click(
-            self._move, lambda value: self.go(page.settings.teach_step + (1 if "next" in value else -1))
+        host.on_input(self._step, lambda value: self.go(titles.index(value)))
+        host.on_click(
+            self._move, lambda value: self.go(host.settings.teach_step + (1 if "next" in value else -1))
         )
-        page.on_click(self._break, lambda _: self.break_it())
-        page.on_click(self._mend, lambda _: self.mend())
+        host.on_click(self._break, lambda _: self.break_it())
+        host.on_click(self._mend, lambda _: self.mend())
 
     def go(self, step: int) -> None:
         """Show a step, with everything mended."""
         step = step % len(LESSONS)
-        self._page.change(
+        self._host.change(
             teach_step=step, layout=LESSONS[step].layout, corrections=Corrections(), broken_stage=""
         )
 
     def break_it(self) -> None:
         """Break what this step is about."""
-        breakage = LESSONS[self._page.settings.teach_step].breakage
-        self._page.change(corrections=lessons.broken_corrections(breakage), broken_stage=breakage.stages)
+        breakage = LESSONS[self._host.settings.teach_step].breakage
+        self._host.change(corrections=lessons.broken_corrections(breakage), broken_stage=breakage.stages)
 
     def mend(self) -> None:
         """Mend it again."""
-        self._page.change(corrections=Corrections(), broken_stage="")
+        self._host.change(corrections=Corrections(), broken_stage="")
 
     def update(self, moment: Moment) -> None:
         """Show the step."""

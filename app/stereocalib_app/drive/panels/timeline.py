@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from stereocalib_app.drive.moment import Moment
-from stereocalib_app.drive.panels.errors import ErrorsPanel
+from stereocalib_app.drive.panel import Host
+from stereocalib_app.drive.panels.playback import SPEED_NAME
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import chart as plots
 from stereocalib_app.widgets import palette, text
-from stereocalib_app.widgets.chart import Chart, Curve
-from stereocalib_app.widgets.style import chosen, style_sheet
+from stereocalib_app.widgets.chart import Chart, ChartView, Curve
+from stereocalib_app.widgets.style import style_sheet
 from stereocalib_app.widgets.tables import numbers_table
 from stereocalib_core.files.io import SavedRun
 from stereocalib_core.geometry import Extrinsics
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 AXES = ("height", "pitch", "roll")
 UNITS = (" m", "°", "°")
@@ -27,9 +25,6 @@ DIGITS = (3, 3, 3)
 LEAST_SPAN = (0.12, 0.4, 0.4)
 TRANSPORT = ("◀ failure", "◀ step", "play", "step ▶", "failure ▶")
 TRANSPORT_PLAYING = tuple("pause" if name == "play" else name for name in TRANSPORT)
-SPEEDS = ("¼×", "½×", "1×", "2×", "4×")
-SPEED_OF = dict(zip(SPEEDS, (0.25, 0.5, 1.0, 2.0, 4.0), strict=True))
-SPEED_NAME = {speed: name for name, speed in SPEED_OF.items()}
 PLOT_PX = 58
 NOW_PX = 3 * PLOT_PX - 4
 """Height of the line at `now`, over all three plots."""
@@ -180,70 +175,44 @@ HEADLINE = (
 LEGEND = "display:flex;justify-content:flex-end;margin:-0.1em 1em -0.5em;font-size:0.75em;white-space:nowrap"
 
 
-def speed_mark(speed: float) -> str:
-    """HTML that fills in the button of a speed."""
-    return chosen(SPEEDS.index(SPEED_NAME[speed])) + style_sheet()
-
-
 class TimelinePanel:
-    """Floats at the bottom of the 3-D view."""
+    """Where we are, the way to go elsewhere, and height, pitch and roll over the drive."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        gui, clock = page.gui, page.playback
-        self.panel = page.add_panel()
+    def __init__(self, host: Host) -> None:
+        self._host = host
+        gui, clock = host.gui, host.playback
         self._ranges: list[tuple[float, float]] | None = None
         self._compared: SavedRun | None = None
         self._charts: list[Chart] = []
-        truth = page.session.source.ground_truth
+        truth = host.session.source.ground_truth
         self._truth = None if truth is None else truth.extrinsics
-        with self.panel.add_tab("Time line"):
-            self._headline = gui.add_html("")
-            self._slider = gui.add_slider(
-                "Frame", 0, max(1, clock.total - 1), 1, 0, hint="Drag, or type an exact frame number."
-            )
-            self._transport = gui.add_button_group(
-                "",
-                TRANSPORT,
-                hint="Previous failure, step back, play or pause, step on, next failure.",
-            )
-            self._legend = gui.add_html(legend_line(self._truth is not None))
-            self._plots = self._add_plots(gui)
-        with self.panel.add_tab("Path errors"):
-            self._errors = ErrorsPanel(page)
-        with self.panel.add_tab("Playback"):
-            self._chosen_speed = gui.add_html(speed_mark(1.0))
-            self._speed = gui.add_button_group("Speed", SPEEDS, hint="1× is the recording's own pace.")
-            self._loop = gui.add_checkbox("Loop", False, hint="Start over at the end of the drive.")
-            self._pause = gui.add_checkbox(
-                "Pause on failure", False, hint="Playback stops at the next frame that failed."
-            )
-            gui.add_markdown(
-                "Keys: **Space** play · **N** / **P** step · **Shift+N** / **Shift+P** ten · "
-                "**F** next failure · **Home** / **End** · **1**–**3** presets · **Ctrl+K** every command"
-            )
-        page.on_input(self._slider, lambda value: clock.seek(int(value)))
-        page.on_click(self._transport, self._on_transport)
-        page.on_click(self._speed, lambda value: clock.set_speed(SPEED_OF[value]))
-        page.on_input(self._loop, clock.set_loop)
-        page.on_input(self._pause, clock.set_pause_on_failure)
+        self._headline = gui.add_html("")
+        self._slider = gui.add_slider(
+            "Frame", 0, max(1, clock.total - 1), 1, 0, hint="Drag, or type an exact frame number."
+        )
+        self._transport = gui.add_button_group(
+            "",
+            TRANSPORT,
+            hint="Previous failure, step back, play or pause, step on, next failure.",
+        )
+        self._legend = gui.add_html(legend_line(self._truth is not None))
+        self._plots = self._add_plots(gui)
+        host.on_input(self._slider, lambda value: clock.seek(int(value)))
+        host.on_click(self._transport, self._on_transport)
 
-    def _add_plots(self, gui: Any) -> list[Any]:
-        self._charts = extrinsics_charts(self._page.session.snapshot, self._truth, None)
+    def _add_plots(self, gui: Any) -> list[ChartView]:
+        self._charts = extrinsics_charts(self._host.session.snapshot, self._truth, None)
         self._ranges = [chart.y_range for chart in self._charts]
         self._now = gui.add_html(plots.now_line(self._charts[0], 0.0, NOW_PX))
         return [
-            gui.add_uplot(
-                plots.chart_data(chart),
-                **plots.chart_options(chart, PLOT_PX + (18 if axis == 2 else 0), show_x=axis == 2),
-            )
+            ChartView(gui, chart, PLOT_PX + (18 if axis == 2 else 0), show_x=axis == 2)
             for axis, chart in enumerate(self._charts)
         ]
 
     def _on_transport(self, value: str) -> None:
-        clock = self._page.playback
+        clock = self._host.playback
         if value == TRANSPORT[0]:
-            self._page.seek_failure(-1)
+            self._host.seek_failure(-1)
         elif value == TRANSPORT[1]:
             clock.step(-1)
         elif value in ("play", "pause"):
@@ -251,7 +220,7 @@ class TimelinePanel:
         elif value == TRANSPORT[3]:
             clock.step(1)
         else:
-            self._page.seek_failure(1)
+            self._host.seek_failure(1)
 
     def update(self, moment: Moment) -> None:
         """Move `now`, and redraw the curves where the drive changed."""
@@ -261,18 +230,10 @@ class TimelinePanel:
         if self._transport.options != transport:
             self._transport.options = transport
         self._slider.value = moment.frame
-        if moment.clock.speed in SPEED_NAME:
-            self._chosen_speed.content = speed_mark(moment.clock.speed)
-        self._loop.value = moment.clock.loop
-        self._pause.value = moment.clock.pause_on_failure
         if moment.drive_changed or moment.compared is not self._compared:
             self._compared = moment.compared
             self._charts = extrinsics_charts(moment.snapshot, self._truth, self._ranges, moment.compared)
-            for plot, chart, old in zip(self._plots, self._charts, self._ranges or [], strict=False):
-                if chart.y_range != old:
-                    plot.scales = plots.chart_options(chart, PLOT_PX, False)["scales"]
             self._ranges = [chart.y_range for chart in self._charts]
             for plot, chart in zip(self._plots, self._charts, strict=True):
-                plot.data = plots.chart_data(chart)
+                plot.show(chart)
         self._now.content = plots.now_line(self._charts[0], float(moment.frame), NOW_PX)
-        self._errors.update(moment)

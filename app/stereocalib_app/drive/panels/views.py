@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
 from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.render import WIDTH_PX
 from stereocalib_app.drive.settings import LAYOUTS
+from stereocalib_app.widgets.picture import PictureView
 from stereocalib_app.widgets.style import style_sheet
-
-if TYPE_CHECKING:
-    from stereocalib_app.drive.page import Page
 
 EXPLAIN = {
     "all stages": "One stereo pair, stage by stage. Orange stands upright, blue is free, green agrees with the "
@@ -27,27 +22,20 @@ EXPLAIN = {
 }
 
 
-def set_jpeg(handle: Any, data: bytes) -> None:
-    """Hand encoded bytes to a viser image, so that one encoding serves every browser."""
-    handle._format = "jpeg"
-    handle._data = data
-
-
 class ViewsPanel:
     """Docked left."""
 
-    def __init__(self, page: Page) -> None:
-        gui = page.gui
-        self.panel = page.add_panel()
-        blank = np.full((8, WIDTH_PX, 3), 24, np.uint8)
+    def __init__(self, host: Host) -> None:
+        gui = host.gui
+        self.panel = host.add_panel()
         with self.panel.add_tab("Views"):
-            self._picture = gui.add_image(blank, format="jpeg")
+            self._picture = PictureView(gui, WIDTH_PX)
             self._layout = gui.add_dropdown(
                 "Show", LAYOUTS, initial_value="all stages", hint="One stage large, or all of them."
             )
             self._explain = gui.add_markdown(EXPLAIN["all stages"])
             gui.add_html(style_sheet())
-        page.on_input(self._layout, lambda value: page.change(layout=value))
+        host.on_input(self._layout, lambda value: host.change(layout=value))
 
     def update(self, moment: Moment) -> None:
         """Show the frame's pictures."""
@@ -55,4 +43,4 @@ class ViewsPanel:
             self._layout.value = moment.settings.layout
             self._explain.content = EXPLAIN[moment.settings.layout]
         if moment.view is not None:
-            set_jpeg(self._picture, moment.view.jpeg)
+            self._picture.show(moment.view.jpeg)
