@@ -201,7 +201,7 @@ def test_an_overlay_that_cannot_be_is_told_kindly(page: Any, view: LidarView) ->
 
 def test_boards_lead_to_their_pair(view: LidarView) -> None:
     class Click:
-        client = None
+        client = object()
         instance_index = 3
 
     view.page._board_clicked(Click(), 3)
