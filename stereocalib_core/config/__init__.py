@@ -36,7 +36,7 @@ from stereocalib_core.config.front import (
     LimitsConfig,
     ProfileConfig,
 )
-from stereocalib_core.config.lidar import RoadCheckConfig
+from stereocalib_core.config.lidar import RoadCheckConfig, ScanSampleConfig
 from stereocalib_core.config.odometry import OdometryConfig
 from stereocalib_core.config.strict import STRICT
 from stereocalib_core.config.tracks import TracksConfig
@@ -47,8 +47,8 @@ from stereocalib_core.system.yaml_file import read_yaml
 __all__ = [
     "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
     "Method", "MountConfig", "OdometryConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
-    "RoadCheckConfig", "RoadPointsConfig", "ShiftAlarmConfig", "TracksConfig", "VehicleConfig", "YawConfig",
-    "from_dict", "load", "to_dict",
+    "RoadCheckConfig", "RoadPointsConfig", "ScanSampleConfig", "ShiftAlarmConfig", "TracksConfig", "VehicleConfig",
+    "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 Method = Literal["direct", "paper"]
@@ -75,6 +75,7 @@ class PipelineConfig:
     mount: MountConfig = MountConfig()
     shift_alarm: ShiftAlarmConfig = ShiftAlarmConfig()
     road_check: RoadCheckConfig = RoadCheckConfig()
+    scan_sample: ScanSampleConfig = ScanSampleConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Settings of the LiDAR's check against the stereo road."""
+"""Settings of the LiDAR: its check against the stereo road, and what is kept of a scan to hold edges against edges."""
 
 from __future__ import annotations
 
@@ -62,3 +62,47 @@ class RoadCheckConfig:
     wander_height_m: float = 0.001
     """How far a sound mounting may creep in a second, 1 sigma; it grows with the root of time."""
     wander_angle_deg: float = 0.01
+
+
+@dataclass(frozen=True, config=STRICT)
+class ScanSampleConfig:
+    """What is kept of a scan and of the pictures of the same moment, to compare depth edges and surfaces."""
+
+    least_disparity_px: float = 4.0
+    """Farther things are left out: the matcher's 0.25 px are 6 % of their depth, near hardly differs from far."""
+    jump_px: float = 1.5
+    """Depth breaks where the disparity does by at least this: six times the matcher's noise of 0.25 px. The same for
+    the scan, so that both sides keep the same edges."""
+    jump_share: float = 0.12
+    """And by this share of the nearer disparity: less is a slanted surface as often as an edge."""
+    reach_px: int = 5
+    """The picture's contrast is looked for so far from the break in the disparity: half the matcher's window and the
+    smoothing over two half-size pixels."""
+    row_px: int = 4
+    """Picture edges are kept on every so many rows: beams are 0.4 deg or 5 px apart, closer rows repeat each other."""
+    margin: float = 0.06
+    """What of the scan lies outside the picture by less than this share of its width is kept: so far may the
+    calibration be off (1.5 deg and 10 cm at 5 m are 30 px of 1242)."""
+    beam_step_deg: float = 0.5
+    """Neighbours of one beam are at most this far apart; spinning LiDARs step by 0.1 to 0.4 deg."""
+    beam_tilt: float = 0.01
+    """And of the same elevation within this (sine): beams leave some centimetres beside the LiDAR's origin, so that one
+    and the same is up to 0.5 deg higher near by than far away."""
+    least_range_m: float = 0.5
+    """Nearer returns are the car itself."""
+    straight_m: float = 0.1
+    """Neighbours of one beam on a surface are off a straight line by less: three sigma of 0.03 m of range noise."""
+    point_every: int = 7
+    """So many smooth points pass before the next is kept: neighbours see the same surface."""
+    patch_px: int = 16
+    """Surfaces of the picture are squares of this size."""
+    patch_rms_px: float = 0.5
+    """Twice the matcher's noise; more is no plane."""
+    patch_share: float = 0.8
+    """Known disparity in at least this share of the square."""
+    clear_of_road_m: float = 0.3
+    """Surfaces are kept from this height over the road."""
+    most_edges: int = 1200
+    """Of a scan and of a picture: keeps a frame at some 25 kB."""
+    most_points: int = 400
+    """The same for points and patches."""

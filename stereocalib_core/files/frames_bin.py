@@ -29,10 +29,11 @@ from stereocalib_core.results import (
     RectificationSample,
     RoadEstimate,
     RoadResidual,
+    ScanSample,
     Tracks,
 )
 
-MAGIC = b"stereocalib checkpoint 3\n"
+MAGIC = b"stereocalib checkpoint 4\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 
@@ -161,7 +162,7 @@ class _Arrays:
         if place is None:
             return None
         offset, kind, shape = place
-        if kind not in ("<f8", "<f4", "|b1"):
+        if kind not in ("<f8", "<f4", "<i2", "|b1"):
             raise ValueError(kind)
         count = int(np.prod(shape, dtype=np.int64))
         return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
@@ -197,6 +198,15 @@ def _pack(done: Done) -> bytes:
         "lidar": None
         if r.lidar is None
         else [arrays.put(r.lidar.values), arrays.put(r.lidar.covariance), r.lidar.points],
+        "scan": None
+        if r.scan is None
+        else [
+            arrays.put(r.scan.T_camera_lidar),
+            arrays.put(r.scan.packed_beam_edges),
+            arrays.put(r.scan.packed_picture_edges),
+            arrays.put(r.scan.packed_points),
+            arrays.put(r.scan.packed_patches),
+        ],
         "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
         "total_ms": done.total_ms,
     }
@@ -217,7 +227,7 @@ def _unpack(payload: bytes) -> Done:
     arrays = _Arrays(payload[4 + length :])
     road, failure = values["road"], values["failure"]
     sample, tracks, memory = values["rectification"], values["tracks"], values["memory"]
-    lidar = values["lidar"]
+    lidar, scan = values["lidar"], values["scan"]
     result = FrameResult(
         values["frame"],
         values["timestamp_s"],
@@ -241,5 +251,6 @@ def _unpack(payload: bytes) -> Done:
         tuple(Check(**check) for check in values["checks"]),
         MappingProxyType(values["timing_ms"]),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
+        None if scan is None else ScanSample(*(arrays.get(place) for place in scan)),
     )
     return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

@@ -19,6 +19,7 @@ from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
+from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
@@ -116,7 +117,7 @@ class FrontEnd:
             frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
-        return self._with_lidar(frame, result), road
+        return self._with_lidar(frame, result, road), road
 
     def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
         """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
@@ -129,14 +130,21 @@ class FrontEnd:
             Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
         )
 
-    def _with_lidar(self, frame: StereoFrame, result: FrameResult) -> FrameResult:
-        """The same with what the frame's scan says of the road, where there is a scan and a road."""
-        if frame.lidar is None or self.T_camera_lidar is None:
+    def _with_lidar(self, frame: StereoFrame, result: FrameResult, road: RoadResult) -> FrameResult:
+        """The same with what the frame's scan says of the road and of depth edges, where there is a scan."""
+        T, config = self.T_camera_lidar, self.config
+        if frame.lidar is None or T is None:
             return result
         began = time.perf_counter()
-        residual = scan_residual(frame, result, self.T_camera_lidar, self.config.road_check)
+        residual = scan_residual(frame, result, T, config.road_check)
+        sample = None
+        if frame.left is not None and road.disparity is not None:
+            over = None if result.road is None else result.road.extrinsics
+            sample = sample_scan(
+                frame.lidar, frame.left, road.disparity, self.camera, T, over, config.scan_sample
+            )
         timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}
-        return dataclasses.replace(result, lidar=residual, timing_ms=MappingProxyType(timing))
+        return dataclasses.replace(result, lidar=residual, scan=sample, timing_ms=MappingProxyType(timing))
 
     def _frozen(self, left: Grey, right: Grey) -> Failure | None:
         """One camera repeats its picture while the other goes on; both at once is a pair as good as before."""

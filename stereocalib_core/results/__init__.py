@@ -31,6 +31,7 @@ from stereocalib_core.results.frame import (
     Tracks,
     estimates,
 )
+from stereocalib_core.results.scan import ScanSample
 from stereocalib_core.results.table import AXES, FrameTable, Spread, column_name
 
 __all__ = [
@@ -58,6 +59,7 @@ __all__ = [
     "RectificationSample",
     "RoadEstimate",
     "RoadResidual",
+    "ScanSample",
     "Shift",
     "Spread",
     "Timing",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results.scan import ScanSample
 
 TO_DEGREES = np.array([1.0, *np.rad2deg([1.0, 1.0])])
 """(3,) factors from height [m], pitch, roll [rad] to metres and degrees, as files have them."""
@@ -131,6 +132,7 @@ class FrameResult:
     checks: tuple[Check, ...] = ()
     timing_ms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     lidar: RoadResidual | None = None
+    scan: ScanSample | None = None
 
     @property
     def ok(self) -> bool:

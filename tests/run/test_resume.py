@@ -31,6 +31,7 @@ from stereocalib_core.results import (
     Rig,
     RoadEstimate,
     RoadResidual,
+    ScanSample,
     Tracks,
 )
 from stereocalib_core.run.drive import CHECKPOINT, Interrupted, run_drive
@@ -59,6 +60,9 @@ def finished(index: int) -> Done:
         (Check("road", "slope", 0.1, None, 3.0, "px"),),
         MappingProxyType({"disparity": 12.5}),
         RoadResidual(rng.normal(size=3), covariance, 4321),
+        ScanSample(
+            rng.normal(size=(4, 4)), *(rng.integers(-9, 9, (n, 4)).astype(np.int16) for n in range(4))
+        ),
     )
     return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
 
@@ -67,12 +71,14 @@ def same(a: Done, b: Done) -> bool:
     def parts(done: Done) -> list[object]:
         r = done.result
         assert r.road is not None and r.tracks is not None and r.rectification is not None
+        assert r.scan is not None
         arrays = (
             r.road.covariance,
             r.tracks.points,
             r.tracks.on_road,
             r.rectification.values,
             done.memory.motion,
+            *(getattr(r.scan, field.name) for field in dataclasses.fields(r.scan)),
         )
         return [
             (r.frame, r.timestamp_s, r.road.extrinsics, r.road.inliers, r.road.free_fraction, r.road.range_m),
@@ -101,7 +107,7 @@ def test_nothing_of_a_frame_is_forgotten() -> None:
         known.result.rectification,
         known.result.tracks,
     )
-    for part in (*parts, known.result.lidar):
+    for part in (*parts, known.result.lidar, known.result.scan):
         assert part is not None
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 def warm_up() -> None:
     """Compile what this package compiles."""
-    from stereocalib_core.front.scan import lidar_road
+    from stereocalib_core.front.scan import lidar_road, scan_sample
 
     lidar_road.warm_up()
+    scan_sample.warm_up()
