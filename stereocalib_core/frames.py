@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.calibration import StereoCalibration
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import StereoCamera
 
@@ -19,6 +20,7 @@ class StereoFrame:
 
     left, right: (H, W) uint8 grey images, or None where `failure` says why.
     lidar: (N, 4) float32 points x y z [m] and intensity in the LiDAR's frame, or None.
+    camera: the pair's own where it differs from the recording's, as in sets of single pairs.
     """
 
     index: int
@@ -27,6 +29,7 @@ class StereoFrame:
     right: NDArray[np.uint8] | None
     failure: Failure | None = None
     lidar: NDArray[np.float32] | None = None
+    camera: StereoCamera | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ class FrameSource(Protocol):
 class Recording:
     """A `FrameSource` made of parts; the loaders build these.
 
-    `load(i)` reads frame i. Everything else is as in `FrameSource`.
+    `load(i)` reads frame i. `calibration` is what its files say of the pair, raw lenses included. Everything
+    else is as in `FrameSource`.
     """
 
     name: str
@@ -98,6 +102,7 @@ class Recording:
     T_camera_lidar: NDArray[np.float64] | None = field(default=None)
     content_key: str = ""
     live: bool = False
+    calibration: StereoCalibration | None = None
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

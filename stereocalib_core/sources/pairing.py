@@ -61,7 +61,25 @@ def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
 def match_pairs(
     left_folder: Path, right_folder: Path, numbered: bool, known: Collection[str] = frozenset()
 ) -> Pairs:
-    """Left and right pictures of equal name.
+    """Left and right pictures of two folders, see `match`."""
+    return match(
+        Sides(pictures_in(left_folder), pictures_in(right_folder), left_folder, right_folder), numbered, known
+    )
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The pictures of both cameras by what a pair has in common, and how each camera is called in messages."""
+
+    left: dict[str, Path]
+    right: dict[str, Path]
+    left_place: Path
+    right_place: Path
+    said: str = ""
+
+
+def match(sides: Sides, numbered: bool, known: Collection[str] = frozenset()) -> Pairs:
+    """Left and right pictures of equal name, else of equal number, else of nearly the same time.
 
     numbered: names are frame numbers as in KITTI, which also number the lines of lists; else pictures and
         lines are counted through.
@@ -70,20 +88,26 @@ def match_pairs(
     Between them, a name that lacks a side, and a number that lacks both, is a frame of its own, so that
     nothing shifts. Raises SourceError when not one pair is whole.
     """
-    left, right = pictures_in(left_folder), pictures_in(right_folder)
+    left, right = sides.left, sides.right
+    left_folder, right_folder = sides.left_place, sides.right_place
     for folder, found in ((left_folder, left), (right_folder, right)):
         if not found:
             raise SourceError("no pictures", folder, "expected left and right picture files of equal names")
     stems = sorted(left.keys() | right.keys() | set(known), key=natural_key)
+    how: list[str] = []
     if not left.keys() & right.keys():
-        where = f"{left_folder} and {right_folder}"
-        raise SourceError(
-            "no left picture has a right one of the same name", where, "give both the same names"
-        )
+        right, text = _other_names(left, right)
+        if not left.keys() & right.keys():
+            where = f"{left_folder} and {right_folder}"
+            raise SourceError(
+                "no left picture has a right one of the same name", where, "give both the same names"
+            )
+        how = [text]
+        stems = sorted(left.keys() | right.keys() | set(known), key=natural_key)
     whole = [i for i, stem in enumerate(stems) if stem in known or (stem in left and stem in right)]
     used = stems[whole[0] : whole[-1] + 1]
     rows = list(range(whole[0], whole[-1] + 1))
-    notices = _unused(stems, used, left, right, left_folder, right_folder)
+    notices = how + _unused(stems, used, left, right, left_folder, right_folder)
     if numbered and all(stem.isdecimal() for stem in stems):
         used, rows = _number_every_frame(used)
     if len(used) > MAX_FRAMES:
@@ -96,6 +120,72 @@ def match_pairs(
     return Pairs(
         tuple(used), tuple(rows), tuple(map(left.get, used)), tuple(map(right.get, used)), tuple(notices)
     )
+
+
+_LAST_NUMBER = re.compile(r"(\d+)(?!.*\d)")
+_STAMP = re.compile(r"\d{9,19}(?:\.\d{1,9})?")
+
+
+def _other_names(left: dict[str, Path], right: dict[str, Path]) -> tuple[dict[str, Path], str]:
+    """The right pictures under the names of the left ones that they belong to, and how that was told."""
+    stamps = [_stamps(found) for found in (left, right)]
+    if stamps[0] is not None and stamps[1] is not None:
+        return _nearest(stamps[0], stamps[1], right)
+    numbers = [_numbers(found) for found in (left, right)]
+    if numbers[0] is None or numbers[1] is None:
+        return right, ""
+    names = {number: stem for stem, number in numbers[0].items()}
+    renamed = {names.get(number, stem): right[stem] for stem, number in numbers[1].items()}
+    return renamed, "names of left and right pictures differ: paired by their numbers"
+
+
+def _numbers(found: dict[str, Path]) -> dict[str, int] | None:
+    """The last number in every name; None where one has none or two have the same."""
+    out = {}
+    for stem in found:
+        match = _LAST_NUMBER.search(stem)
+        if match is None:
+            return None
+        out[stem] = int(match.group(1))
+    return out if len(set(out.values())) == len(out) else None
+
+
+def _stamps(found: dict[str, Path]) -> dict[str, float] | None:
+    """The time in every name, in units of its own from the first; None where one has none."""
+    out: dict[str, float] = {}
+    first: int | None = None
+    for stem in found:
+        match = _STAMP.search(stem)
+        if match is None:
+            return None
+        whole, _, fraction = match.group(0).partition(".")
+        first = int(whole) if first is None else first
+        out[stem] = (int(whole) - first) + float(f"0.{fraction or '0'}")
+    base = float(first or 0)
+    return {stem: value + base for stem, value in out.items()}
+
+
+def _nearest(
+    left: dict[str, float], right: dict[str, float], pictures: dict[str, Path]
+) -> tuple[dict[str, Path], str]:
+    """Every right picture under the name of the left one nearest in time, within half a period."""
+    ordered = sorted(left.items(), key=lambda item: item[1])
+    times = np.array([value for _, value in ordered])
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    renamed: dict[str, Path] = {}
+    distances: dict[str, float] = {}
+    for stem, value in right.items():
+        spot = int(np.searchsorted(times, value))
+        best = min((i for i in (spot - 1, spot) if 0 <= i < len(times)), key=lambda i: abs(times[i] - value))
+        distance, name = abs(float(times[best]) - value), ordered[best][0]
+        if distance <= period / 2 and distance < distances.get(name, np.inf):
+            if name in renamed:
+                renamed[renamed[name].stem] = renamed[name]
+            renamed[name], distances[name] = pictures[stem], distance
+        else:
+            renamed[stem] = pictures[stem]
+    share = max(distances.values(), default=0.0) / period if period else 0.0
+    return renamed, f"names are times: paired with the nearest, at most {100 * share:.2g} % of a period apart"
 
 
 def _unused(

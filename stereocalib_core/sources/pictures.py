@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Sequence
@@ -14,10 +15,15 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason, SourceError
+from stereocalib_core.sources.picture_size import jpeg_segments, size_of
 from stereocalib_core.sources.png import DamagedPng, decode_grey8
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 64_000_000
+MAX_BYTES = 400 << 20
+"""64 million pixels of three colours with 16 bits."""
+_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+"""A camera on a car does not turn over: an orientation that its files claim is ignored."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 
@@ -59,12 +65,33 @@ def check_png(data: bytes) -> tuple[int, int]:
 def read_bytes(path: Path) -> bytes:
     """The bytes of a picture file; raises UnreadablePicture where there are none."""
     try:
-        data = path.read_bytes()
+        with open(path, "rb") as file:
+            # what a picture says it needs is read at once; a file that is larger than any picture is not
+            if os.fstat(file.fileno()).st_size > MAX_BYTES:
+                raise UnreadablePicture(f"over {MAX_BYTES >> 20} MB, no picture is that large")
+            data = file.read()
     except OSError as error:
         raise UnreadablePicture(error.strerror or "cannot be read") from error
     if not data:
         raise UnreadablePicture("empty file")
     return data
+
+
+def check_other(data: bytes, size: tuple[int, int] | None) -> None:
+    """Refuse what is cut off, of another size, or claims more pixels than any camera has, before it is unpacked."""
+    if data.startswith(_JPEG):
+        found, start = jpeg_segments(data)
+        # the end mark may come before bytes that others have added; in the compressed data it cannot come by chance
+        if start == 0 or data.find(b"\xff\xd9", start) < 0:
+            raise UnreadablePicture(f"JPEG cut off after {len(data)} bytes")
+    else:
+        found = size_of(data)
+    if found is None:
+        return
+    if size is not None and found != size:
+        raise WrongSize(*found)
+    if found[0] * found[1] > MAX_PIXELS:
+        raise UnreadablePicture(f"{found[0]}x{found[1]} pixels are too many")
 
 
 def decode(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8] | NDArray[np.uint16]:
@@ -84,10 +111,10 @@ def decode(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8
                 return grey
         except DamagedPng as error:
             raise UnreadablePicture(f"damaged PNG, {error}") from error
-    elif data.startswith(_JPEG) and b"\xff\xd9" not in data[-64:]:
-        raise UnreadablePicture(f"JPEG cut off after {len(data)} bytes")
+    else:
+        check_other(data, size)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
     except cv2.error as error:
         raise UnreadablePicture("not a picture that can be decoded") from error
     if image is None or image.dtype not in (np.uint8, np.uint16):

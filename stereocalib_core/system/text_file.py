@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from stereocalib_core.errors import SourceError, StereoCalibError
@@ -79,3 +80,35 @@ def to_numbers(text: str) -> list[float] | None:
         words = " ".join(words).replace(",", " ").split()
     values = [to_number(word) for word in words]
     return None if any(value is None for value in values) else values  # type: ignore[return-value]
+
+
+LONGEST_LINE = 4096
+"""A row of 17 numbers in full is 400 characters."""
+
+
+def lines(
+    path: Path, most_bytes: int, what: str, error: type[StereoCalibError] = SourceError
+) -> Iterator[str]:
+    """The lines of a text file without their ends, one at a time, whatever its encoding.
+
+    Raises `error` in one line for a file that cannot be read, is longer than `most_bytes`, or has a line that no
+    list has.
+    """
+    try:
+        with open(path, "rb") as raw:
+            start = raw.read(200)
+        name = next((name for mark, name in _BOMS if start.startswith(mark)), None)
+        if name is None and start.count(0) > len(start) // 3:
+            name = "utf-16-be" if start[:1] == b"\0" else "utf-16-le"
+        seen = 0
+        with open(path, encoding=name or "utf-8", errors="replace") as file:
+            while line := file.readline(LONGEST_LINE + 1):
+                if len(line) > LONGEST_LINE:
+                    raise error(f"{what} is no list", path, f"a line of over {LONGEST_LINE} characters")
+                seen += len(line)
+                if seen > most_bytes:
+                    raise error(f"{what} too large", path, f"at most {size_text(most_bytes)} are read")
+                yield line.rstrip("\r\n")
+    except (OSError, UnicodeError) as reason:
+        text = getattr(reason, "strerror", None) or "save it as UTF-8"
+        raise error(f"{what} cannot be read", path, text) from reason

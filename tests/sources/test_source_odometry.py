@@ -197,11 +197,15 @@ def test_a_bad_calibration_is_one_clear_line(tmp_path: Path, text: str, part: st
     assert "calib.txt" in str(caught.value)
 
 
-def test_a_bad_pose_or_time_names_its_line(tmp_path: Path) -> None:
+def test_a_bad_pose_or_time_is_a_note_that_names_its_line(tmp_path: Path) -> None:
     sequence = odometry_drive(tmp_path, poses=6)
     (tmp_path / "poses" / "00.txt").write_text(poses_text(2) + "1 2 three\n")
-    with pytest.raises(SourceError, match="line 3"):
-        open_source(str(sequence))
+    (sequence / "times.txt").write_text("0\n0.1\nsoon\n")
+    source = open_source(str(sequence))
+    assert source.ground_truth is None
+    assert any("00.txt" in note and "line 3" in note for note in source.notices)
+    assert any("times.txt" in note and "line 3" in note for note in source.notices)
+    np.testing.assert_allclose(source.timestamps_s, np.arange(6) / 10)
 
 
 def test_times_that_do_not_increase_are_replaced_and_said(tmp_path: Path) -> None:

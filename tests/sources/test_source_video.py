@@ -80,7 +80,7 @@ def test_bad_videos_are_one_clear_line(video: Path) -> None:
         f"video:{video}?camera={camera}&camera={camera}": "bad video source",
         f"video:{video.parent / 'none.avi'}?camera={camera}": "no such video",
         f"video:{text}?camera={camera}": "cannot be opened",
-        f"video:{video}?camera={video.parent / 'none.yaml'}": "cannot be read",
+        f"video:{video}?camera={video.parent / 'none.yaml'}": "no such calibration",
         f"video:{video}?camera={wide}": "does not fit",
         f"video:99?camera={camera}": "no such camera",
     }

@@ -3,6 +3,7 @@ and 2015, object, KITTI-360's perspective.txt."""
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 
@@ -42,6 +43,22 @@ def _numbers(tree: Tree) -> dict[int, str]:
     return {int(match.group(1)): key for key, match in matches if match is not None}
 
 
+def camera_numbers(tree: Tree) -> set[int]:
+    """The cameras whose projections a file holds."""
+    return set(_numbers(tree))
+
+
+def projection(tree: Tree, camera: int, where: object) -> Array:
+    """(3, 4) P of a camera; raises SourceError where there is none."""
+    key = _numbers(tree).get(camera, f"P{camera}")
+    return values(tree, key, 12, where).reshape(3, 4)
+
+
+def lidar_of(tree: Tree, camera: int, where: object) -> Array | None:
+    """(4, 4) LiDAR into a rectified camera from the file's own `Tr`; None where it has none."""
+    return _lidar(tree, projection(tree, camera, where), where)
+
+
 def values(tree: Tree, key: str, count: int, where: object) -> Array:
     """(count,) numbers of a line; raises SourceError that names it."""
     given = tree.get(key)
@@ -66,10 +83,11 @@ def read(
     """
     keys = _numbers(tree)
     left, right = cameras or next(iter(whole_pairs(tree)), (0, 1))
+    P = []
     for number in (left, right):
         if number not in keys:
             raise SourceError(f"calibration has no P{number}", where, "it needs the line of both cameras")
-    P = [values(tree, keys[number], 12, where).reshape(3, 4) for number in (left, right)]
+        P.append(values(tree, keys[number], 12, where).reshape(3, 4))
     rect_size, raw_size = (_size(tree, f"{name}_{left:02d}", where) for name in ("S_rect", "S"))
     if f"K_{left:02d}" not in tree and rect_size is None:
         rect_size, raw_size = raw_size, None
@@ -80,7 +98,9 @@ def read(
     lenses = None
     names = [f"{name}_{number:02d}" for name in ("K", "D", "R", "T", "R_rect") for number in (left, right)]
     if all(name in tree for name in names):
-        lenses, target = _lenses(tree, (left, right), target, raw_size, where)
+        # the lenses are only needed for pictures of their own size: what is wrong with them ends nothing else
+        with contextlib.suppress(SourceError):
+            lenses, target = _lenses(tree, (left, right), target, raw_size, where)
     raw = lenses is not None and size is not None and size == raw_size and size != rect_size
     return StereoCalibration(lenses, target, raw, None, T, (), "KITTI")
 

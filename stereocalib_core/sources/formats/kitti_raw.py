@@ -1,151 +1,144 @@
-"""A KITTI raw drive folder, read with pykitti.
+"""A KITTI raw drive folder, grey or colour, its calibration beside it, inside it or named.
 
-pykitti lists files and calibration but matches nothing: a missing right image shifts all later pairs, and
-a missing file of OXTS, velodyne or calibration ends it. So names and numbers are matched here.
+pykitti reads OXTS; it matches nothing: a missing right image shifts all later pairs, and a missing file ends it. So
+names and numbers are matched here.
 """
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth, Recording
-from stereocalib_core.geometry import invert_transform
-from stereocalib_core.sources.formats.kitti_odometry import stereo_camera
-from stereocalib_core.sources.lidar_scans import scans_by_number, with_scan
-from stereocalib_core.sources.lists import KITTI_FPS, frame_times, from_first
-from stereocalib_core.sources.pairing import (
-    PairReader,
-    Pairs,
-    check_usable,
-    content_key,
-    match_pairs,
-)
-from stereocalib_core.sources.pictures import survey
-from stereocalib_core.system.tables import parse_numbers
+from stereocalib_core.geometry import Array, invert_transform, transform
+from stereocalib_core.sources.assembly import Parts, recording
+from stereocalib_core.sources.calibrations import Found, kitti, read_calibration
+from stereocalib_core.sources.calibrations.trees import Tree
+from stereocalib_core.sources.format import Format, SourceKind, Spec
+from stereocalib_core.sources.lidar_scans import scans_by_number
+from stereocalib_core.sources.lists import from_first, times_or_note
+from stereocalib_core.sources.pairing import Pairs, match_pairs, pictures_in
+from stereocalib_core.system.text_file import read_text, to_numbers
 
 CALIB_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
+OTHER_CALIB = ("calib.txt",)
 OXTS_COLUMNS = 30
+OXTS_BYTES = 4096
+CAMERAS = ((0, 1), (2, 3))
 
 
-def is_drive(folder: Path) -> bool:
-    """Whether a folder looks like a raw drive."""
-    return (folder / "image_00" / "data").is_dir()
+def _data(folder: Path, camera: int) -> Path:
+    return folder / f"image_{camera:02d}" / "data"
 
 
-def open_drive(folder: Path) -> Recording:
+def _accepts(spec: Spec) -> bool:
+    return spec.folder is not None and any(_data(spec.folder, pair[0]).is_dir() for pair in CAMERAS)
+
+
+def _cameras(folder: Path, known: set[int]) -> tuple[int, int]:
+    """The pair to read, grey first: both sides have pictures, and a projection in the calibration."""
+    there = [pair for pair in CAMERAS if all(pictures_in(_data(folder, camera)) for camera in pair)]
+    some = [pair for pair in CAMERAS if _data(folder, pair[0]).is_dir()]
+    return ([pair for pair in there if set(pair) <= known] or there or some)[0]
+
+
+def _open(spec: Spec) -> Recording:
     """A synchronised and rectified raw drive as a recording; raises SourceError."""
-    if folder.name.endswith("_extract"):
+    assert spec.folder is not None
+    folder = spec.folder
+    named = spec.options.get("calibration")
+    home, file = _calibration_home(folder)
+    if folder.name.endswith("_extract") and not named:
         raise SourceError("unrectified raw drive", folder, "use the `_sync` download of the same drive")
-    date_folder = _date_folder(folder)
-    calib = _read_calib(date_folder)
-    pairs = match_pairs(folder / "image_00" / "data", folder / "image_01" / "data", numbered=True)
-    picture = survey(pairs.present(), folder)
-    cam_file = date_folder / CALIB_FILES[0]
-    camera = stereo_camera(calib["P_rect_00"], calib["P_rect_10"], (picture.width, picture.height), cam_file)
-    check_usable(pairs, picture, folder)
-
-    times_file = folder / "image_00" / "timestamps.txt"
-    times_s, notices = frame_times(
-        _read_timestamps(times_file), pairs.rows, KITTI_FPS, "image_00/timestamps.txt"
-    )
-    notices = [*pairs.notices, *notices]
-    truth, truth_notices = _ground_truth(folder, pairs, calib.get("T_cam0_imu"))
-    notices += truth_notices
-
+    if file is None and not named:
+        where = home / CALIB_FILES[0]
+        raise SourceError(
+            "no calibration of the drive's date", where, "download and unpack the calibration archive"
+        )
+    tree = {} if file is None else kitti.read_lines(file)
+    cameras = _cameras(folder, kitti.camera_numbers(tree))
+    if named:
+        found = read_calibration(named)
+    else:
+        assert file is not None
+        found = Found(kitti.read(tree, file, cameras), (file,))
+    pairs = match_pairs(_data(folder, cameras[0]), _data(folder, cameras[1]), numbered=True)
+    times_file = _data(folder, cameras[0]).parent / "timestamps.txt"
+    notices: list[str] = []
+    T_cam0_velo, T_cam0_imu = _sensors(home, tree, notices)
     scans = scans_by_number(folder / "velodyne_points" / "data")
-    T_camera_lidar = calib.get("T_cam0_velo") if scans else None
-    load: Any = PairReader(pairs, picture, times_s)
-    if T_camera_lidar is not None:
-        load, note = with_scan(load, scans, pairs.rows)
-        notices += note
+    T_camera_lidar = None
+    if scans and T_cam0_velo is not None:
+        T_camera_lidar = _seen_from(T_cam0_velo, tree, cameras[0], file)
     elif scans:
         notices.append(f"velodyne scans without {CALIB_FILES[1]}: left unused")
     else:
         notices.append("no velodyne scans")
-    files = [*pairs.present(), *scans.values(), *(date_folder / name for name in CALIB_FILES), times_file]
-    return Recording(
-        name=folder.name,
-        camera=camera,
-        timestamps_s=times_s,
-        load=load,
-        ground_truth=truth,
-        notices=tuple(notices),
-        T_camera_lidar=T_camera_lidar,
-        content_key=content_key("kitti_raw", files, pairs.stems, truth is not None),
+    if cameras != CAMERAS[0]:
+        notices.append(f"pictures of image_{cameras[0]:02d} and image_{cameras[1]:02d}")
+    T_camera_imu = None if T_cam0_imu is None else _seen_from(T_cam0_imu, tree, cameras[0], file)
+    return recording(
+        Parts(
+            kind="kitti_raw",
+            folder=folder,
+            pairs=pairs,
+            found=found,
+            times=times_or_note(times_file),
+            times_name=f"{times_file.parent.name}/timestamps.txt",
+            truth=lambda _times: _ground_truth(folder, pairs, T_camera_imu),
+            scans=scans if T_camera_lidar is not None else {},
+            T_camera_lidar=T_camera_lidar,
+            notices=notices,
+            files=[*(home / name for name in (*CALIB_FILES, *OTHER_CALIB)), times_file],
+            key=[cameras],
+        )
     )
 
 
-def _date_folder(folder: Path) -> Path:
-    """Where the calibration of the drive lies: beside its folder, or beside what that links to."""
-    beside = folder.parent, folder.resolve().parent
-    return next((place for place in beside if (place / CALIB_FILES[0]).is_file()), folder.parent)
+def _calibration_home(folder: Path) -> tuple[Path, Path | None]:
+    """Where the calibration of the drive lies and its file of cameras: beside it or what it links to, or inside."""
+    places = [folder.parent, folder.resolve().parent, folder, folder / "calib", folder.parent / "calib"]
+    for names in (CALIB_FILES[:1], OTHER_CALIB):
+        for place in places:
+            for name in names:
+                if (place / name).is_file():
+                    return place, place / name
+    return folder.parent, None
 
 
-def _read_calib(date_folder: Path) -> dict[str, Any]:
-    """pykitti's calibration of the date folder; only the camera's part is indispensable."""
-    import pykitti
-
-    class Calibration(pykitti.raw):
-        """pykitti's readers without its demand that every file be there."""
-
-        def __init__(self) -> None:
-            self.calib_path = str(date_folder)
-
-        def read(self) -> dict[str, Any]:
-            has_velo, has_imu = ((date_folder / name).is_file() for name in CALIB_FILES[1:])
-            if not has_velo:
-                cam = pykitti.utils.read_calib_file(str(date_folder / CALIB_FILES[0]))
-                return {
-                    "P_rect_00": cam["P_rect_00"].reshape(3, 4),
-                    "P_rect_10": cam["P_rect_01"].reshape(3, 4),
-                }
-            data: dict[str, Any] = self._load_calib_cam_to_cam(CALIB_FILES[1], CALIB_FILES[0])
-            if has_imu:
-                data["T_cam0_imu"] = data["T_cam0_velo"] @ self._load_calib_rigid(CALIB_FILES[2])
-            return data
-
-    where = date_folder / CALIB_FILES[0]
-    if not where.is_file():
-        raise SourceError(
-            "no calibration of the drive's date", where, "download and unpack the calibration archive"
-        )
-    try:
-        calib = Calibration().read()
-    except (KeyError, ValueError, OSError) as error:
-        raise SourceError(
-            "bad calibration", date_folder, f"one of its calib files is damaged ({error})"
-        ) from error
-    for name, value in calib.items():
-        if not np.isfinite(value).all():
-            raise SourceError(
-                f"calibration {name} is not finite", date_folder, "unpack the calibration again"
-            )
-    return calib
+def _sensors(home: Path, tree: Tree, notices: list[str]) -> tuple[Array | None, Array | None]:
+    """T_camera0_velodyne and T_camera0_imu, (4, 4), into the rectified camera 0; None where a file is missing."""
+    velo, imu = (_rigid(home / name, notices) for name in CALIB_FILES[1:])
+    if velo is None:
+        return None, None
+    R_rect = np.eye(4)
+    key = next((key for key in ("R_rect_00", "R_rect_0", "R0_rect") if key in tree), None)
+    if key is not None:
+        R_rect[:3, :3] = kitti.values(tree, key, 9, home).reshape(3, 3)
+    T_cam0_velo = R_rect.dot(velo)
+    return T_cam0_velo, None if imu is None else T_cam0_velo.dot(imu)
 
 
-def _read_timestamps(path: Path) -> NDArray[np.float64] | None:
-    """Seconds since the first line of a list of `date time` with nanoseconds; None where it is missing."""
+def _rigid(path: Path, notices: list[str]) -> Array | None:
+    """(4, 4) of a file with R and T; None, and a note where it is damaged."""
     if not path.is_file():
         return None
-    nanoseconds: list[int] = []
-    for number, line in enumerate(path.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
-        if not line.strip():
-            continue
-        head, _, fraction = line.strip().partition(".")
-        try:
-            start = datetime.strptime(head, "%Y-%m-%d %H:%M:%S")
-            nanoseconds.append(
-                int((start - datetime(2000, 1, 1)).total_seconds()) * 10**9 + int(f"{fraction:0<9.9}")
-            )
-        except ValueError as error:
-            raise SourceError("bad time", f"{path}, line {number}", "expected `date time`") from error
-    return np.array([n - nanoseconds[0] for n in nanoseconds], dtype=np.float64) / 1e9
+    try:
+        tree = kitti.read_lines(path)
+        return transform(kitti.values(tree, "R", 9, path).reshape(3, 3), kitti.values(tree, "T", 3, path))
+    except SourceError as error:
+        notices.append(f"{path.name} is not used: {error.what}, {error.remedy}")
+        return None
+
+
+def _seen_from(T_cam0_sensor: Array, tree: Tree, camera: int, where: Path | None) -> Array:
+    """The sensor seen from a camera that stands beside camera 0, as the last column of its P says."""
+    if camera == 0:
+        return T_cam0_sensor
+    return kitti.shifted(T_cam0_sensor, kitti.projection(tree, camera, where))
 
 
 def _ground_truth(
@@ -161,20 +154,30 @@ def _ground_truth(
     frames, files = [], []
     for frame, stem in enumerate(pairs.stems):
         path = data / f"{stem}.txt"
-        values = (
-            parse_numbers(path.read_text(encoding="ascii", errors="replace").split())
-            if path.is_file()
-            else None
-        )
-        if values is not None and len(values) == OXTS_COLUMNS:
+        if path.is_file() and _is_packet(path):
             frames.append(frame)
             files.append(str(path))
     if not files:
         return None, ["no OXTS packet for any picture: no ground truth, errors are not computed"]
-    T_world_imu = np.array([packet.T_w_imu for packet in load_oxts_packets_and_poses(files)])
+    try:
+        T_world_imu = np.array([packet.T_w_imu for packet in load_oxts_packets_and_poses(files)])
+    except (ValueError, TypeError, IndexError, OverflowError) as error:
+        return None, [f"OXTS cannot be read ({str(error)[:80]}): no ground truth, errors are not computed"]
     poses = np.full((len(pairs), 4, 4), np.nan)
     poses[frames] = T_world_imu @ invert_transform(T_camera_imu)
     notices = ["ground truth from OXTS: judged by path length, its heading is not reliable"]
     if len(files) < len(pairs):
         notices.append(f"OXTS packets for {len(files)} of {len(pairs)} frames")
     return GroundTruth(poses=from_first(poses), heading_reliable=False), notices
+
+
+def _is_packet(path: Path) -> bool:
+    try:
+        values = to_numbers(read_text(path, OXTS_BYTES, "OXTS packet"))
+    except SourceError:
+        return False
+    # pykitti converts the last five columns to whole numbers
+    return values is not None and len(values) == OXTS_COLUMNS and all(v == int(v) for v in values[-5:])
+
+
+FORMAT = Format("KITTI raw drive", _accepts, _open, SourceKind.KITTI_RAW)

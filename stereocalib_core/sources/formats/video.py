@@ -1,22 +1,25 @@
-"""`video:FILE?camera=camera.yaml`: both pictures side by side in a video file, or a live device (`video:0?...`)."""
+"""`video:FILE?camera=camera.yaml`: both pictures in a video file, side by side, one over the other or each squeezed
+to half its width, or in two files (`video:left.mp4,right.mp4?...`), or a live device (`video:0?...`)."""
 
 from __future__ import annotations
 
+import dataclasses
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.calibration import Size, StereoCalibration
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.sources.calibrations.own_yaml import CameraFile, read_camera_file
-from stereocalib_core.sources.formats.folder import rectifying
+from stereocalib_core.sources.assembly import rectifying
+from stereocalib_core.sources.calibrations import Found, read_calibration
+from stereocalib_core.sources.calibrations.rectify import opened
+from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.live import LiveReader
 from stereocalib_core.sources.pairing import content_key
 
@@ -24,62 +27,129 @@ DEFAULT_FPS = 10.0
 LIVE_HOURS = 24
 GRAB_AHEAD = 200
 """Frames skipped by decoding them; farther ones are sought."""
+LAYOUTS = ("side-by-side", "top-bottom", "half-width")
+KEYS = ("camera", "calibration", "layout", "fps")
+NO_TRUTH = "no ground-truth poses: errors are not computed"
 
 
-def open_video(spec: str) -> Recording:
+@dataclasses.dataclass(frozen=True)
+class Described:
+    """The calibration of a video, its frames a second where stated, and how both pictures lie in one."""
+
+    found: Found
+    fps: float | None
+    layout: str | None
+
+    def size(self, shape: Size) -> Size:
+        """(width, height) of one picture of a video of `shape`."""
+        return size_of_one(shape, self.layout or "side-by-side")
+
+
+def _open(spec: Spec) -> Recording:
     """A video file or live device as a recording; raises SourceError."""
-    name, camera_path = _parts(spec)
-    described = read_camera_file(camera_path)
-    if name.isdecimal():
-        return _open_device(int(name), described)
-    path = Path(name).expanduser()
-    if not path.is_file():
-        raise SourceError("no such video", name, "check the path; a number is a live device")
-    return _open_file(path, described, camera_path)
+    options = spec.options
+    wanted = options.get("camera") or options.get("calibration")
+    unknown = [key for key in options if key not in KEYS]
+    if not spec.name or not wanted or unknown:
+        raise SourceError("bad video source", spec.text, "write video:FILE?camera=camera.yaml")
+    layout = options.get("layout")
+    if layout is not None and layout not in LAYOUTS:
+        raise SourceError(f"unknown layout {layout[:30]}", spec.text, f"use one of {', '.join(LAYOUTS)}")
+    fps = _fps(options.get("fps"), spec.text)
+    names = [spec.name] if Path(spec.name).expanduser().is_file() else spec.name.split(",")
+    beside = Path(names[0]).expanduser().parent / wanted
+    here = Path(wanted).expanduser()
+    found = read_calibration(beside if not here.exists() and beside.exists() else wanted)
+    described = Described(found, fps or found.calibration.fps, layout)
+    if len(names) == 1 and names[0].isdecimal():
+        return _open_device(int(names[0]), described)
+    paths = [Path(name).expanduser() for name in names]
+    for name, path in zip(names, paths, strict=True):
+        if not path.is_file():
+            raise SourceError("no such video", name, "check the path; a number is a live device")
+    if len(paths) > 2:
+        raise SourceError("bad video source", spec.text, "name one file, or the left and the right one")
+    return _open_files(paths, described)
 
 
-def _parts(spec: str) -> tuple[str, Path]:
-    name, _, query = spec.removeprefix("video:").rpartition("?")
-    options = parse_qsl(query, keep_blank_values=True)
-    if not name or len(options) != 1 or options[0][0] != "camera" or not options[0][1]:
-        raise SourceError("bad video source", spec, "write video:FILE?camera=camera.yaml")
-    camera = Path(options[0][1]).expanduser()
-    beside = Path(name).expanduser().parent / camera
-    return name, beside if not camera.is_file() and beside.is_file() else camera
-
-
-def split(
-    picture: NDArray[np.uint8], camera: StereoCamera
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """A (H, 2 W[, 3]) picture to its grey halves; None where it has another size."""
-    if picture.shape[:2] != (camera.height, 2 * camera.width):
+def _fps(text: str | None, where: str) -> float | None:
+    if text is None:
         return None
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
-    return (
-        np.ascontiguousarray(grey[:, : camera.width], dtype=np.uint8),
-        np.ascontiguousarray(grey[:, camera.width :], dtype=np.uint8),
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1e-3 <= value <= 1e4:
+        raise SourceError(f"fps is {text[:20]}", where, "expected a number from 0.001 to 10000")
+    return value
+
+
+def size_of_one(shape: Size, layout: str) -> Size:
+    """(width, height) of each picture in a video of (width, height)."""
+    width, height = shape
+    return {"side-by-side": (width // 2, height), "top-bottom": (width, height // 2)}.get(
+        layout, (width, height)
     )
 
 
+def split(
+    picture: NDArray[np.uint8], size: Size, layout: str = "side-by-side"
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    """A (H, W[, 3]) picture of both cameras to their grey ones of (width, height); None where it does not fit.
+
+    half-width: each was squeezed to half its width, and is stretched again.
+    """
+    width, height = size
+    shape = {"side-by-side": (height, 2 * width), "top-bottom": (2 * height, width)}.get(
+        layout, (height, width)
+    )
+    if picture.shape[:2] != shape:
+        return None
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
+    if layout == "top-bottom":
+        halves = [grey[:height], grey[height:]]
+    else:
+        middle = grey.shape[1] // 2
+        halves = [grey[:, :middle], grey[:, middle : 2 * middle]]
+    if layout == "half-width":
+        halves = [cv2.resize(half, size, interpolation=cv2.INTER_LINEAR) for half in halves]
+    left, right = (np.ascontiguousarray(half, dtype=np.uint8) for half in halves)
+    return left, right
+
+
 def to_frame(
-    index: int, time_s: float, picture: NDArray[np.uint8] | None, camera: StereoCamera
+    index: int,
+    time_s: float,
+    picture: NDArray[np.uint8] | None,
+    camera: StereoCamera,
+    layout: str = "side-by-side",
 ) -> StereoFrame:
-    """A side-by-side picture, or None for one that could not be read, to a frame."""
+    """A picture of both cameras, or None for one that could not be read, to a frame."""
     if picture is None:
         failure = Failure(FailureReason.UNREADABLE, "the video gives no picture here")
         return StereoFrame(index, time_s, None, None, failure)
-    halves = split(picture, camera)
+    halves = split(picture, (camera.width, camera.height), layout)
     if halves is None:
         detail = f"picture is {picture.shape[1]}x{picture.shape[0]}, not 2x{camera.width}x{camera.height}"
         return StereoFrame(index, time_s, None, None, Failure(FailureReason.SIZE_MISMATCH, detail))
     return StereoFrame(index, time_s, *halves)
 
 
-def _check_size(capture: Any, camera: StereoCamera, where: object) -> None:
-    width, height = (int(capture.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    if (width, height) != (2 * camera.width, camera.height):
-        found = f"{width}x{height} pixels, camera.yaml needs 2x{camera.width}x{camera.height} side by side"
+def _shape(capture: Any) -> Size:
+    return int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+
+
+def layout_of(shape: Size, calibration: StereoCalibration, where: object) -> str:
+    """How both pictures lie in a video of (width, height), from the calibration's own size; else SourceError."""
+    own = calibration.size
+    if own is None:
+        return "side-by-side"
+    layouts = {(2 * own[0], own[1]): "side-by-side", (own[0], 2 * own[1]): "top-bottom"}
+    if shape not in layouts:
+        found = f"{shape[0]}x{shape[1]} pixels, camera.yaml needs 2x{own[0]}x{own[1]} side by side"
+        found += "; add layout=half-width if each was squeezed to half" if shape == own else ""
         raise SourceError("video does not fit the camera", where, found)
+    return layouts[shape]
 
 
 class FileReader:
@@ -133,53 +203,86 @@ class FileReader:
         self._next = 0
 
 
-def _open_file(path: Path, described: CameraFile, camera_path: Path) -> Recording:
-    camera, reader = described.camera, FileReader(path)
-    _check_size(reader.capture, camera, path)
-    claimed_fps = float(reader.capture.get(cv2.CAP_PROP_FPS))
+def _open_files(paths: list[Path], described: Described) -> Recording:
+    readers = [FileReader(path) for path in paths]
+    shapes = [_shape(reader.capture) for reader in readers]
+    calibration = described.found.calibration
+    notices = [NO_TRUTH]
+    if len(readers) == 2:
+        layout, size = "", shapes[0]
+        if shapes[1] != shapes[0]:
+            texts = " and ".join(f"{width}x{height}" for width, height in shapes)
+            raise SourceError("videos of two sizes", paths[1], texts)
+    else:
+        layout = described.layout or layout_of(shapes[0], calibration, paths[0])
+        size = size_of_one(shapes[0], layout)
+        if layout != "side-by-side" and described.layout is None:
+            notices.append(f"layout of the video: {layout}, as the calibration's size says")
+    ready = opened(calibration, size, paths[0])
+    claimed_fps = float(readers[0].capture.get(cv2.CAP_PROP_FPS))
     fps = described.fps or (claimed_fps if 0.1 <= claimed_fps <= 1000 else DEFAULT_FPS)
-    count = reader.count()
+    counts = [reader.count() for reader in readers]
+    count = min(counts)
     if count == 0:
-        raise SourceError("video without a frame", path, "check the file")
+        raise SourceError("video without a frame", paths[0], "check the file")
+    if max(counts) != count:
+        notices.append(f"videos of {counts[0]} and {counts[1]} frames: paired from the first on")
 
     def load(index: int) -> StereoFrame:
-        return to_frame(index, index / fps, reader.read(index), camera)
+        pictures = [reader.read(index) for reader in readers]
+        if len(pictures) == 1:
+            return to_frame(index, index / fps, pictures[0], ready.camera, layout)
+        if any(picture is None for picture in pictures):
+            return to_frame(index, index / fps, None, ready.camera)
+        return to_frame(index, index / fps, np.hstack(pictures), ready.camera)  # type: ignore[arg-type]
 
     return Recording(
-        name=path.name,
-        camera=camera,
+        name=paths[0].name,
+        camera=ready.camera,
         timestamps_s=np.arange(count) / fps,
-        load=_rectified(load, described),
-        notices=("no ground-truth poses: errors are not computed",),
-        content_key=content_key("video", [path, camera_path]),
+        load=load if ready.rectifier is None else rectifying(load, ready.rectifier),
+        notices=(*notices, *ready.notes),
+        content_key=content_key("video", [*paths, *described.found.files], layout, fps),
+        calibration=calibration,
     )
 
 
-def _open_device(number: int, described: CameraFile) -> Recording:
-    camera = described.camera
+def _open_device(number: int, described: Described) -> Recording:
+    calibration, layout = described.found.calibration, described.layout or "side-by-side"
+    if calibration.size is None:
+        raise SourceError(
+            "calibration without a picture size", described.found.files[0], "add width and height"
+        )
+    width, height = calibration.size
+    shape = {"side-by-side": (2 * width, height), "top-bottom": (width, 2 * height)}.get(
+        layout, (width, height)
+    )
     capture = cv2.VideoCapture(number)
     if not capture.isOpened():
         raise SourceError("no such camera", f"device {number}", "check that it is plugged in and free")
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, 2 * camera.width)
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height)
-    _check_size(capture, camera, f"device {number}")
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, shape[0])
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, shape[1])
+    if _shape(capture) != shape:
+        found = f"{_shape(capture)[0]}x{_shape(capture)[1]} pixels, expected {shape[0]}x{shape[1]}"
+        raise SourceError("video does not fit the camera", f"device {number}", found)
+    ready = opened(calibration, calibration.size, described.found.files[0])
     reader = LiveReader(capture.read)
     fps = described.fps or DEFAULT_FPS
 
     def load(index: int) -> StereoFrame:
         time_s, picture = reader.newest()
-        return to_frame(index, time_s, picture, camera)
+        return to_frame(index, time_s, picture, ready.camera, layout)
 
     return Recording(
         name=f"device {number}",
-        camera=camera,
+        camera=ready.camera,
         timestamps_s=np.arange(int(LIVE_HOURS * 3600 * fps)) / fps,
-        load=_rectified(load, described),
-        notices=("live: frames that come while one is worked on are dropped",),
+        load=load if ready.rectifier is None else rectifying(load, ready.rectifier),
+        notices=("live: frames that come while one is worked on are dropped", *ready.notes),
         content_key=f"live-{number}-{reader.started_ns}",
         live=True,
+        calibration=calibration,
     )
 
 
-def _rectified(load: Callable[[int], StereoFrame], described: CameraFile) -> Callable[[int], StereoFrame]:
-    return load if described.rectifier is None else rectifying(load, described.rectifier)
+FORMAT = Format("video", lambda spec: spec.scheme == "video", _open, SourceKind.VIDEO)

@@ -1,0 +1,65 @@
+"""A zip of a drive of any other kind: unpacked, as far as a drive needs it, for as long as the program runs."""
+
+from __future__ import annotations
+
+import atexit
+import dataclasses
+import shutil
+import tempfile
+from pathlib import Path
+
+from stereocalib_core.errors import SourceError, StereoCalibError
+from stereocalib_core.frames import FrameSource
+from stereocalib_core.sources.archive_files import unpack
+from stereocalib_core.sources.format import Format, SourceKind, Spec, parse
+
+MOST_BYTES, MOST_FILES = 50_000_000_000, 500_000
+SPARE_BYTES = 1_000_000_000
+"""Left free on the disk."""
+MOST_FOLDERS = 200
+
+
+def _accepts(spec: Spec) -> bool:
+    path = spec.path
+    return not spec.scheme and path is not None and path.suffix.lower() == ".zip" and path.is_file()
+
+
+def drive_in(folder: Path, name: str, options: dict[str, str] | None = None) -> FrameSource:
+    """The drive inside an unpacked archive: the folder itself, or the first below it that is one."""
+    from stereocalib_core.sources.formats import FORMATS
+
+    first: StereoCalibError | None = None
+    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:MOST_FOLDERS]:
+        spec = dataclasses.replace(parse(str(place)), options=options or {})
+        for form in FORMATS:
+            if form.kind in (SourceKind.ARCHIVE, SourceKind.RUN) or not form.accepts(spec):
+                continue
+            try:
+                return form.open(spec)
+            except StereoCalibError as error:
+                first = first or error
+                break
+    if first is not None:
+        raise first
+    raise SourceError("no stereo drive in the zip", name, "pack left/ right/ camera.yaml, or KITTI")
+
+
+def _open(spec: Spec) -> FrameSource:
+    assert spec.path is not None
+    folder = Path(tempfile.mkdtemp(prefix="stereocalib-zip-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    room = shutil.disk_usage(folder).free - SPARE_BYTES
+    try:
+        unpack(spec.path, spec.name, folder, min(MOST_BYTES, max(room, 0)), MOST_FILES)
+        source = drive_in(folder, spec.name, dict(spec.options))
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    note = f"read from {spec.path.name}"
+    if dataclasses.is_dataclass(source) and not isinstance(source, type):
+        name = spec.path.stem if source.name == folder.name else source.name
+        return dataclasses.replace(source, name=name, notices=(*source.notices, note))  # type: ignore[no-any-return,call-arg]
+    return source
+
+
+FORMAT = Format("zip of a drive", _accepts, _open, SourceKind.ARCHIVE)
