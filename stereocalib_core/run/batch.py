@@ -33,7 +33,7 @@ from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
 from stereocalib_core.files import io
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
-from stereocalib_core.sources import SourceKind, absolute, open_source, source_kind
+from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
 CONNECT_TIMEOUT_S = 10
@@ -156,7 +156,10 @@ def _summary(outcomes: list[DriveOutcome], notes: tuple[str, ...]) -> BatchSumma
 
 def full_spec(spec: str) -> str:
     """Folders by their full path, since workers may have another working directory."""
-    return str(absolute(spec)) if os.path.isdir(os.path.expanduser(spec)) else spec
+    taken = parse(spec)
+    if taken.scheme or taken.path is None or not taken.path.exists():
+        return spec
+    return str(taken.path) + spec[len(taken.name) :]
 
 
 def _unusable(specs: Sequence[str]) -> dict[str, str]:
@@ -190,7 +193,9 @@ def drive_names(specs: Sequence[str]) -> list[str]:
 
 
 def _name_parts(spec: str) -> list[str]:
-    words = Path(spec).parts if os.path.isdir(spec) else (spec,)
+    taken = parse(spec)
+    here = not taken.scheme and taken.path is not None and taken.path.exists()
+    words = Path(taken.name).parts if here else (spec,)
     cleaned = [re.sub(r"[^A-Za-z0-9_.=-]+", "-", word).strip("-.") for word in words]
     return [word[-80:] for word in cleaned if word] or ["drive"]
 

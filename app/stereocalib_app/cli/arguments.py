@@ -13,14 +13,20 @@ SOURCE_HELP = """\
 sources (SOURCE is recognised by what is in it):
   .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
   .../2011_09_26_drive_0009_sync
-                              KITTI raw drive; truth from OXTS, scans from velodyne_points
-  FOLDER                      left/ right/ (same file names) and camera.yaml, unrectified or not;
-                              optional times.txt, poses.txt
+                              KITTI raw drive; truth from OXTS, scans from velodyne_points; KITTI-360,
+                              and single pairs of KITTI stereo 2012, 2015 and object
+  .../MH_01_easy              EuRoC / ASL recording (mav0/cam0, cam1)
+  FOLDER                      left/ right/, cam0/ cam1/, left01.png right01.png ... and a calibration
+                              of any dialect, unrectified or not; optional times, poses, scans
+  DRIVE.zip                   a zip of any of these
+  bag:FILE[?left=TOPIC&right=TOPIC&lidar=TOPIC&truth=TOPIC]
+                              ROS 1 or 2 bag, MCAP; topics are found where there is one choice
   synthetic[:NAME][?key=value&...]
                               a rendered drive with known truth: town, curves, straight, plane,
                               e.g. 'synthetic:town?frames=120&fault=night@40-46'
-  video:FILE?camera=camera.yaml, video:0?camera=camera.yaml
-                              side-by-side video file or live camera
+  video:FILE?camera=camera.yaml[&layout=side-by-side|top-bottom|half-width]
+  video:LEFT,RIGHT?camera=camera.yaml, video:0?camera=camera.yaml
+                              one video, two videos, or a live camera
   RUN_DIR                     what an earlier `run` wrote (view, compare)
 """
 
@@ -159,6 +165,7 @@ def build_parser() -> Parser:
     view.add_argument("source", metavar="SOURCE", help="a drive, or the output of an earlier run")
     _add_server(view)
     _add_tolerance(view)
+    _add_own_calibration(view)
     _add_state(view)
     _add_run(
         add(
@@ -207,6 +214,7 @@ def build_parser() -> Parser:
     )
     batch.add_argument("sources", metavar="SOURCE", nargs="+", help="drives, see below")
     _add_out(batch)
+    _add_own_calibration(batch)
     where = batch.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", type=_positive, metavar="N", help="local worker processes (default: one per core)"
@@ -219,6 +227,15 @@ def build_parser() -> Parser:
         batch.add_argument(f"--tls-{name}", type=Path, metavar="PEM", help=f"for tls://: the {kind} {what}")
     batch.add_argument("--method", choices=("direct", "paper"), default=None)
     return parser
+
+
+def _add_own_calibration(parser: argparse._ActionsContainer) -> None:
+    parser.add_argument(
+        "--calibration",
+        metavar="FILE",
+        help="takes the place of the source's own: camera.yaml, OpenCV, ROS, Kalibr, EuRoC or KITTI, "
+        "two files as a.yml,b.yml",
+    )
 
 
 def _add_calibration(add: object) -> None:
@@ -309,6 +326,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "--rig", type=Path, metavar="RIG.yaml", help="yaw, lever arm and mount from an earlier drive"
     )
     _add_tolerance(method)
+    _add_own_calibration(method)
     output = run.add_argument_group("recording")
     output.add_argument("--rrd", action="store_true", help="write recording.rrd for the Rerun viewer")
     output.add_argument("--rerun", action="store_true", help="show the run live in the Rerun viewer")

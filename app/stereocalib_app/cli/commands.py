@@ -29,7 +29,7 @@ def demo(arguments: argparse.Namespace) -> str | None:
 
 def view(arguments: argparse.Namespace) -> str | None:
     """The app on any source."""
-    _serve(arguments.source, arguments)
+    _serve(_with_calibration(arguments.source, arguments), arguments)
     return None
 
 
@@ -56,6 +56,13 @@ def _serve(spec: str, arguments: argparse.Namespace) -> None:
     server.serve(spec, arguments.host, arguments.port, how)
 
 
+def _with_calibration(spec: str, arguments: argparse.Namespace) -> str:
+    """The source with the calibration of `--calibration`, where that is given."""
+    from stereocalib_core.sources import with_calibration
+
+    return with_calibration(spec, arguments.calibration)
+
+
 def run(arguments: argparse.Namespace) -> str | None:
     """One drive from end to end."""
     from stereocalib_core import config as settings
@@ -68,10 +75,11 @@ def run(arguments: argparse.Namespace) -> str | None:
         config = dataclasses.replace(config, method=arguments.method)
     rig = read_rig(arguments.rig) if arguments.rig else None
     tolerances = read_tolerances(arguments.tolerance) if arguments.tolerance else None
-    _compile(arguments.source)
+    source = _with_calibration(arguments.source, arguments)
+    _compile(source)
     with terminal_progress() as progress:
         report = run_drive(
-            arguments.source,
+            source,
             arguments.out,
             arguments.frames,
             config,
@@ -195,7 +203,7 @@ def batch(arguments: argparse.Namespace) -> str | None:
         raise ConfigError("certificates without a scheduler", "--tls-...", "add --scheduler tls://HOST:PORT")
     with terminal_progress() as progress:
         summary = run_batch(
-            arguments.sources,
+            [_with_calibration(source, arguments) for source in arguments.sources],
             arguments.out,
             workers=arguments.workers,
             scheduler=scheduler,
