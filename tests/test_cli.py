@@ -20,7 +20,7 @@ from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front import pipeline
 from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import FrameResult, RoadEstimate
+from stereocalib_core.results import Drive, FrameResult, RoadEstimate
 
 ONE_LINE = re.compile(r"stereocalib: error: [^:\n]+: .+: .+\n")
 
@@ -53,7 +53,9 @@ def front_end(monkeypatch: pytest.MonkeyPatch) -> type[FakeFrontEnd]:
     """Replaces the estimation, and the back end, by something instant."""
     chosen = type("Chosen", (FakeFrontEnd,), {})
     monkeypatch.setattr(pipeline, "FrontEnd", chosen)
-    monkeypatch.setattr("stereocalib_core.run.drive._analyse", lambda *_: None)
+    monkeypatch.setattr(
+        "stereocalib_core.run.drive._analyse", lambda results, job, _: Drive.of_frames(results, job.config)
+    )
     return chosen
 
 
@@ -244,37 +246,7 @@ def test_a_run_stopped_before_its_first_frame_leaves_nothing(
     assert not out.exists()
 
 
-def test_the_mount_is_judged_by_a_tolerance_file() -> None:
-    from stereocalib_core.run.tolerance import Tolerance, within_tolerance
-
-    mount = {"height_m": {"value": 1.66, "sigma": 0.01}, "yaw_deg": None}
-    assert within_tolerance(mount, {"height_m": Tolerance(1.65, 0.02)}) is True
-    assert within_tolerance(mount, {"height_m": Tolerance(1.65, 0.005)}) is False
-    assert within_tolerance(mount, {"yaw_deg": Tolerance(0.0, 1.0)}) is None
-    assert within_tolerance(mount, {}) is None
-
-
 def test_folders_of_boards_that_do_not_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     failed_line(capsys, "lidar-camera", str(tmp_path / "none"), "--out", str(tmp_path / "out"))
     failed_line(capsys, "view-lidar", str(tmp_path / "none"))
     assert not (tmp_path / "out").exists()
-
-
-def test_judged_mount_names_each_axis_and_its_limits() -> None:
-    from stereocalib_core.run.tolerance import Tolerance, judged
-
-    mount = {
-        "height_m": {"value": 1.66, "sigma": 0.01},
-        "pitch_deg": {"value": 0.5, "sigma": 0.1},
-        "yaw_deg": None,
-    }
-    limits = {
-        "height_m": Tolerance(1.65, 0.02),
-        "pitch_deg": Tolerance(0.8, 0.2),
-        "yaw_deg": Tolerance(0.0, 1.0),
-    }
-    found = judged(mount, limits)
-    assert [found["tolerance"][axis]["within"] for axis in limits] == [True, False, None]
-    assert found["within_tolerance"] is None
-    assert judged(mount, {"pitch_deg": limits["pitch_deg"]})["within_tolerance"] is False
-    assert judged(mount, {})["tolerance"] == {}

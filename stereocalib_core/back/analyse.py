@@ -12,43 +12,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereocalib_core.back.evaluation import OdometryErrors, evaluate
-from stereocalib_core.back.lidar.road_check import LidarCheck, check, who_moved
+from stereocalib_core.back.evaluation import evaluate
+from stereocalib_core.back.lidar.road_check import check, who_moved
 from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
 from stereocalib_core.back.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
 from stereocalib_core.back.rig.body_motion import MotionSeries
 from stereocalib_core.back.rig.mount import estimate_mount
-from stereocalib_core.back.rig.pair import RectificationReport, summarise
-from stereocalib_core.back.rig.shift_alarm import Shift, find_shifts
+from stereocalib_core.back.rig.pair import summarise
+from stereocalib_core.back.rig.shift_alarm import find_shifts
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.back.rig.yaw import YawEstimate, estimate_yaw
 from stereocalib_core.config import PipelineConfig, VehicleConfig
-from stereocalib_core.files.report import gaps, mount_block
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.results import (
+    BEST,
+    Drive,
+    DrivePath,
+    FilteredExtrinsics,
+    FrameResult,
+    FrameTable,
+    Measured,
+    Rig,
+)
 
 NONHOLONOMIC = "_nonholonomic"
 
 
 @dataclass(frozen=True)
-class Drive(DriveAnalysis):
-    """A `DriveAnalysis` with the parts behind it, for whoever draws or varies them.
+class Workings:
+    """What a `Drive` was made from, for whoever draws or varies it.
 
     extrinsics: (N, 4) height, pitch, roll, yaw that the odometry uses, NaN where nothing is known.
-    paths: every variant of report.json by name.
+    paths: every variant by name.
     """
 
-    tracks: PackedTracks | None = None
-    extrinsics: Array | None = None
-    yaw: YawEstimate | None = None
-    rectification: RectificationReport | None = None
-    paths: Mapping[str, Trajectory] = dataclasses.field(default_factory=dict)
-    errors: Mapping[str, OdometryErrors] = dataclasses.field(default_factory=dict)
-    lidar: LidarCheck | None = None
-    shifts: tuple[Shift, ...] = ()
+    tracks: PackedTracks
+    extrinsics: Array
+    yaw: YawEstimate
+    paths: Mapping[str, Trajectory]
 
 
 def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
@@ -74,8 +78,20 @@ def analyse(
     rig: Rig | None = None,
 ) -> Drive:
     """Everything that the whole drive says. `rig` brings yaw and lever arm of an earlier drive of the same rig."""
+    return analyse_openly(results, camera, config, ground_truth, rig)[0]
+
+
+def analyse_openly(
+    results: Sequence[FrameResult],
+    camera: StereoCamera,
+    config: PipelineConfig,
+    ground_truth: GroundTruth | None = None,
+    rig: Rig | None = None,
+) -> tuple[Drive, Workings]:
+    """`analyse` with what it was made from."""
     known = rig or Rig()
     filtered = filter_drive(results, camera, config)
+    frames = FrameTable.of(results, filtered)
     tracks = pack(camera, results, config.odometry)
     yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m, config.vehicle)
     yaw_measured = _yaw(yaw, known)
@@ -85,35 +101,38 @@ def analyse(
         odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason, config.vehicle)
     extrinsics = odometry_extrinsics(filtered, 0.0 if odometry_yaw is None else odometry_yaw.value)
     paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
-    truth = None if ground_truth is None else ground_truth.poses
-    reliable = ground_truth is None or ground_truth.heading_reliable
-    errors = {name: evaluate(path.poses, truth, reliable) for name, path in paths.items()}
-    rectification = summarise(camera, results, config.rectification)
-    lidar = check(results, config.road_check)
-    best = paths["autocalibrated"]
-    times = np.array([r.timestamp_s for r in results], dtype=np.float64)
-    motion = MotionSeries.from_path(times, best, tracks, config.vehicle)
+    best = paths[BEST]
+    motion = MotionSeries.from_path(frames.timestamp_s, best, tracks, config.vehicle)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
+    lidar = check(results, config.road_check)
     if lidar is not None:
         lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
     mount = estimate_mount(
         results, motion, yaw_measured, lever, shifts, config.mount, config.shift_alarm.wheels
     )
-    report = {
-        "mount": mount_block(mount),
-        "yaw_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.value)),
-        "yaw_sigma_deg": None if yaw_measured is None else float(np.rad2deg(yaw_measured.sigma)),
-        "yaw_reason": yaw_reason,
-        "rectification": rectification.as_report(),
-        "odometry": {name: dataclasses.asdict(block) for name, block in errors.items()},
-        "gaps": gaps(results, best.measured),
-        "shifts": [shift.as_report() for shift in shifts],
-        "lidar_check": None if lidar is None else lidar.as_report(),
+    drive = Drive(
+        frames=frames,
+        method=config.method,
+        mount=mount,
+        yaw_reason=yaw_reason,
+        pair=summarise(camera, results, config.rectification),
+        paths=_judged(paths, ground_truth),
+        gaps=frames.gaps(best.measured),
+        shifts=shifts,
+        lidar=lidar,
+        config=config,
+    )
+    return drive, Workings(tracks, extrinsics, yaw, paths)
+
+
+def _judged(paths: Mapping[str, Trajectory], ground_truth: GroundTruth | None) -> dict[str, DrivePath]:
+    """Every path with its errors against the truth."""
+    truth = None if ground_truth is None else ground_truth.poses
+    reliable = ground_truth is None or ground_truth.heading_reliable
+    return {
+        name: DrivePath(path.poses, path.covariance, evaluate(path.poses, truth, reliable))
+        for name, path in paths.items()
     }
-    return Drive(
-        report, filtered, best.poses, mount,
-        tracks, extrinsics, yaw, rectification, paths, errors, lidar, shifts,
-    )  # fmt: skip
 
 
 def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:

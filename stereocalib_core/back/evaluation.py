@@ -15,29 +15,12 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import invert_transform
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import OdometryErrors
 
 Alignment = Literal["none", "first_pose", "se3", "sim3"]
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 KITTI_STEP_FRAMES = 10
-
-
-@dataclass(frozen=True)
-class OdometryErrors:
-    """One variant's block of report.json; None = no truth to compare with.
-
-    path_m, path_gt_m: lengths of the two paths over the frames that both have. final_translation: in the x-z
-    plane of the first camera frame, percent of path_gt_m. final_rotation: heading. t_rel, r_rel: KITTI's.
-    """
-
-    path_m: float
-    path_gt_m: float | None = None
-    final_translation_m: float | None = None
-    final_translation_percent: float | None = None
-    final_rotation_deg: float | None = None
-    final_rotation_deg_per_m: float | None = None
-    t_rel_percent: float | None = None
-    r_rel_deg_per_m: float | None = None
 
 
 @dataclass(frozen=True)

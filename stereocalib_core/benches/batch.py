@@ -15,7 +15,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from stereocalib_core.files.io import RESULT_FILES, read_json
+from stereocalib_core.files.io import read_json
+from stereocalib_core.files.run_folder import RESULT_FILES
 from stereocalib_core.run.batch import drive_names, full_spec, usable_cores
 
 OF_THE_MOMENT = ("source", "timing_ms", "frames_per_second")

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stereocalib_core.back.analyse import analyse
+from stereocalib_core.back.analyse import analyse_openly
 from stereocalib_core.back.odometry.packing import pack_tracks
 from stereocalib_core.back.odometry.trajectory import TrajectorySettings, trajectory
 from stereocalib_core.config import Method, PipelineConfig
@@ -70,8 +70,7 @@ def _throughput_ms(source: FrameSource, frames: int) -> tuple[float, list[FrameR
 
 def _recompute_ms(source: FrameSource, results: list[FrameResult], frames: int) -> float:
     """Median time of one variant over a drive of `frames` frames, made by repeating the results at hand."""
-    drive = analyse(results, source.camera, PipelineConfig())
-    assert drive.extrinsics is not None
+    _, workings = analyse_openly(results, source.camera, PipelineConfig())
     order = np.arange(frames) % len(results)
     tracks = pack_tracks(
         source.camera,
@@ -79,7 +78,7 @@ def _recompute_ms(source: FrameSource, results: list[FrameResult], frames: int) 
         np.ones(frames, dtype=bool),
         list(range(frames)),
     )
-    extrinsics = drive.extrinsics[order]
+    extrinsics = workings.extrinsics[order]
     trajectory(tracks, extrinsics, TrajectorySettings())
     settings = [TrajectorySettings(pitch_error_rad=1e-4 * k) for k in range(CALLS)]
     return float(np.median([_timed_ms(lambda s=s: trajectory(tracks, extrinsics, s)) for s in settings]))  # type: ignore[misc]

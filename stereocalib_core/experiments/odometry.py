@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from stereocalib_core.back.analyse import Drive, analyse
-from stereocalib_core.back.evaluation import OdometryErrors, common_frames, errors_along
+from stereocalib_core.back.analyse import Workings, analyse_openly
+from stereocalib_core.back.evaluation import common_frames, errors_along
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import Drive, OdometryErrors
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.prefetch import prefetch
 
@@ -49,18 +50,20 @@ def run(
     """Write odometry.json, odometry.md and odometry-figure-4.png, -5.png into `out`; returns what the JSON holds."""
     spec = source or DEFAULT_SOURCE
     frames = open_source(spec)
-    drive = follow(frames, progress)
-    result = {name: dataclasses.asdict(errors) for name, errors in drive.errors.items()}
+    drive, workings = follow(frames, progress)
+    result = {name: dataclasses.asdict(path.errors) for name, path in drive.paths.items()}
     write_json(out / "odometry.json", result)
     truth = None if frames.ground_truth is None else frames.ground_truth.poses
     figure_4(drive, truth).savefig(out / "odometry-figure-4.png", dpi=110)
     if truth is not None:
         figure_5(drive, truth).savefig(out / "odometry-figure-5.png", dpi=110)
-    write_atomic(out / "odometry.md", markdown(drive, frames.name, len(frames)))
+    write_atomic(out / "odometry.md", markdown(drive, workings, frames.name, len(frames)))
     return result
 
 
-def follow(source: FrameSource, progress: Callable[[int, int, str], None] | None = None) -> Drive:
+def follow(
+    source: FrameSource, progress: Callable[[int, int, str], None] | None = None
+) -> tuple[Drive, Workings]:
     """Every frame through the front end, then the back end over the whole drive."""
     config = PipelineConfig()
     front_end = FrontEnd(source.camera, config)
@@ -69,7 +72,7 @@ def follow(source: FrameSource, progress: Callable[[int, int, str], None] | None
         results.append(front_end.step(frame))
         if progress is not None:
             progress(len(results), len(source), "odometry")
-    return analyse(results, source.camera, config, source.ground_truth)
+    return analyse_openly(results, source.camera, config, source.ground_truth)
 
 
 def figure_4(drive: Drive, truth: Array | None) -> Figure:
@@ -109,7 +112,7 @@ def figure_5(drive: Drive, truth: Array) -> Figure:
     return figure
 
 
-def markdown(drive: Drive, name: str, frames: int) -> str:
+def markdown(drive: Drive, workings: Workings, name: str, frames: int) -> str:
     """Table 1, ours beside the paper's."""
     lines = [
         "# Odometry under each correction",
@@ -128,11 +131,11 @@ def markdown(drive: Drive, name: str, frames: int) -> str:
             "|---|---|---|---|---|---|---|---|---|---|---|",
         ]
         for variant, paper in PAPER.items():
-            ours = _row(drive.errors[variant + suffix])
+            ours = _row(drive.paths[variant + suffix].errors)
             theirs = f"{paper[0]:.2f} | {paper[1]:.2f} | {paper[2]:.2f} | {paper[3]:.4f}"
             lines.append(f"| {LABELS[variant]} | {ours} | {theirs} |")
         lines.append("")
-    gaps = drive.paths["autocalibrated"].gaps
+    gaps = workings.paths["autocalibrated"].gaps
     lines.append(f"Gaps (frames without a motion measured on the road): {list(gaps) if gaps else 'none'}.")
     return "\n".join(lines) + "\n"
 

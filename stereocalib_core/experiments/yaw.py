@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stereocalib_core.back.analyse import Drive
+from stereocalib_core.back.analyse import Workings
 from stereocalib_core.back.rig.vanishing_point import VanishingPointView
 from stereocalib_core.back.rig.yaw import YawEstimate, view
 from stereocalib_core.experiments.odometry import follow
@@ -43,15 +43,13 @@ def run(
     shown: tuple[Picture, VanishingPointView] | None = None
     for number, spec in enumerate(specs):
         frames = open_source(spec)
-        drive = follow(frames, _shared(progress, number, len(specs)))
-        estimate = drive.yaw
-        if estimate is None:
-            continue
+        _, workings = follow(frames, _shared(progress, number, len(specs)))
+        estimate = workings.yaw
         entries.append(_entry(_truth_deg(frames), estimate))
         estimates.append(estimate)
         names.append(frames.name)
         if shown is None or (source is None and TRUE_DEG[number] == PAPER_DEG):
-            shown = _figure_pair(frames, drive, estimate) or shown
+            shown = _figure_pair(frames, workings) or shown
     write_json(out / "yaw.json", entries)
     write_atomic(out / "yaw.md", markdown(names, entries, estimates))
     if shown is not None:
@@ -86,16 +84,15 @@ def _entry(true_deg: float | None, estimate: YawEstimate) -> dict[str, Any]:
     }
 
 
-def _figure_pair(
-    source: FrameSource, drive: Drive, estimate: YawEstimate
-) -> tuple[Picture, VanishingPointView] | None:
+def _figure_pair(source: FrameSource, workings: Workings) -> tuple[Picture, VanishingPointView] | None:
     """The pair that agrees best with the drive's yaw: its previous left image, and its lines."""
-    if estimate.value_rad is None or drive.tracks is None:
+    estimate, tracks = workings.yaw, workings.tracks
+    if estimate.value_rad is None:
         return None
     misses = np.abs(estimate.pair_yaw_rad - estimate.value_rad)
     frame = int(np.nanargmin(misses))
-    shown = view(drive.tracks, frame)
-    image = source[int(drive.tracks.previous[frame])].left
+    shown = view(tracks, frame)
+    image = source[int(tracks.previous[frame])].left
     return None if shown is None or image is None else (image, shown)
 
 

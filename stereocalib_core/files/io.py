@@ -1,17 +1,11 @@
-"""The files of a run: extrinsics.csv, trajectory.txt, trajectory.tum, report.json, rig.yaml.
-
-Each is written whole or not at all. The same numbers give the same bytes. An empty cell means that there
-is no value.
-"""
+"""JSON, trajectories and rig.yaml. Each is written whole or not at all; the same numbers give the same bytes."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +14,9 @@ import yaml
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import OutputError, SourceError
-from stereocalib_core.results import TO_DEGREES, FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.results import Measured, Rig
 from stereocalib_core.system.tables import read_table
 from stereocalib_core.system.yaml_file import read_mapping
-
-RESULT_FILES = (
-    *("config.json", "rig.yaml", "extrinsics.csv", "trajectory.txt", "trajectory.tum", "report.json"),
-)
-TEXT_COLUMNS = ("status", "reason", "filter_state")
-COLUMNS = (
-    *("frame", "timestamp_s", "status", "reason"),
-    *("height_m", "pitch_deg", "roll_deg", "height_sigma_m", "pitch_sigma_deg", "roll_sigma_deg"),
-    *("height_filtered_m", "pitch_filtered_deg", "roll_filtered_deg"),
-    *("height_filtered_sigma_m", "pitch_filtered_sigma_deg", "roll_filtered_sigma_deg"),
-    *("filter_state", "free_fraction", "inliers"),
-)
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
@@ -49,85 +31,7 @@ def write_atomic(path: Path, content: str | bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def format_cell(value: float | None, digits: int = 6) -> str:
-    """Fixed decimals, empty for None or a number that is not finite, never `-0`."""
-    if value is None or not math.isfinite(value):
-        return ""
-    text = f"{value:.{digits}f}"
-    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
-
-
-# --- extrinsics.csv
-
-
-def extrinsics_rows(results: Sequence[FrameResult], filtered: FilteredExtrinsics | None) -> list[list[str]]:
-    """The cells of extrinsics.csv without its header, one row per result."""
-    return [_row(result, i, filtered) for i, result in enumerate(results)]
-
-
-def _row(result: FrameResult, index: int, filtered: FilteredExtrinsics | None) -> list[str]:
-    road = result.road
-    values: list[float | None] = [None] * 6
-    if road is not None:
-        e = road.extrinsics
-        values = [e.height_m, e.pitch_deg, e.roll_deg, *(road.sigma * TO_DEGREES).tolist()]
-    smooth: list[float | None] = [None] * 6
-    state = "none"
-    if filtered is not None and filtered.state[index] != "none":
-        state = filtered.state[index]
-        smooth = [*(filtered.values[index] * TO_DEGREES), *(filtered.sigma[index] * TO_DEGREES)]
-    free = road.free_fraction if road is not None else result.free_fraction
-    inliers = road.inliers if road is not None else result.inliers
-    return [
-        str(result.frame),
-        format_cell(result.timestamp_s),
-        result.status,
-        result.reason,
-        *map(format_cell, values),
-        *map(format_cell, smooth),
-        state,
-        format_cell(free, 4),
-        "" if inliers is None else str(int(inliers)),
-    ]
-
-
-def write_extrinsics_csv(
-    path: Path, results: Sequence[FrameResult], filtered: FilteredExtrinsics | None
-) -> None:
-    """One row per frame, columns as in `COLUMNS`."""
-    lines = [",".join(COLUMNS), *(",".join(row) for row in extrinsics_rows(results, filtered))]
-    write_atomic(path, "\n".join(lines) + "\n")
-
-
-def read_extrinsics_csv(path: Path) -> dict[str, Any]:
-    """Columns by name: (N,) float64 with NaN = empty cell, text columns as tuples; raises SourceError."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise SourceError("extrinsics cannot be read", path, "run the drive again") from error
-    if not rows or rows[0][: len(COLUMNS)] != list(COLUMNS):
-        raise SourceError("no extrinsics table", path, "its first line must name the columns")
-    columns: dict[str, Any] = {}
-    for i, name in enumerate(COLUMNS):
-        try:
-            cells = [row[i] for row in rows[1:]]
-            columns[name] = (
-                tuple(cells)
-                if name in TEXT_COLUMNS
-                else np.array([float(cell) if cell else np.nan for cell in cells])
-            )
-        except (IndexError, ValueError) as error:
-            raise SourceError(f"bad column {name}", path, "run the drive again") from error
-    return columns
-
-
 # --- trajectories
-
-
-def timestamps(results: Sequence[FrameResult]) -> NDArray[np.float64]:
-    """(N,) seconds of the frames."""
-    return np.array([result.timestamp_s for result in results], dtype=np.float64)
 
 
 def write_kitti(path: Path, poses: NDArray[np.float64]) -> None:
@@ -202,13 +106,14 @@ def read_json(path: Path) -> dict[str, Any]:
     return values
 
 
-_RIG_KEYS = {
+MOUNT_KEYS = {
     "height_m": ("height_m", 1.0),
     "pitch_deg": ("pitch_rad", math.pi / 180),
     "roll_deg": ("roll_rad", math.pi / 180),
     "yaw_deg": ("yaw_rad", math.pi / 180),
-    "lever_arm_m": ("lever_arm_m", 1.0),
 }
+"""What files call the fields of a `Rig`, and the unit in which they have them."""
+_RIG_KEYS = {**MOUNT_KEYS, "lever_arm_m": ("lever_arm_m", 1.0)}
 
 
 def write_rig(path: Path, rig: Rig) -> None:
@@ -233,7 +138,7 @@ def read_rig(path: Path) -> Rig:
     fields = {}
     for key, (field, unit) in _RIG_KEYS.items():
         given = values.get(key)
-        pair = (given.get("value"), given.get("sigma", 0.0)) if isinstance(given, dict) else (given, 0.0)
+        pair = (given.get("value"), given.get("sigma") or 0.0) if isinstance(given, dict) else (given, 0.0)
         if pair[0] is None:
             continue
         numbers = [
@@ -245,28 +150,3 @@ def read_rig(path: Path) -> Rig:
             )
         fields[field] = Measured(numbers[0] * unit, numbers[1] * unit)
     return Rig(**fields)
-
-
-@dataclass(frozen=True)
-class SavedRun:
-    """The output of an earlier run. poses is None where it wrote no trajectory."""
-
-    folder: Path
-    report: dict[str, Any]
-    extrinsics: dict[str, Any]
-    poses: NDArray[np.float64] | None
-    rig: Rig | None
-
-
-def read_run(folder: Path) -> SavedRun:
-    """Everything a run wrote but its pictures; raises SourceError."""
-    if not (folder / "report.json").is_file():
-        raise SourceError("no run there", folder, "name the output folder of an earlier `stereocalib run`")
-    trajectory, rig = folder / "trajectory.txt", folder / "rig.yaml"
-    return SavedRun(
-        folder,
-        read_json(folder / "report.json"),
-        read_extrinsics_csv(folder / "extrinsics.csv"),
-        read_kitti(trajectory) if trajectory.is_file() else None,
-        read_rig(rig) if rig.is_file() else None,
-    )

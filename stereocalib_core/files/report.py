@@ -1,149 +1,247 @@
-"""What report.json says of the frames themselves; the back end adds what needs the whole drive."""
+"""report.json from a `Drive` and back. Nowhere else is a drive a dictionary."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import TO_DEGREES, DriveAnalysis, FilteredExtrinsics, FrameResult, Measured, Rig
+from stereocalib_core.errors import SourceError
+from stereocalib_core.files.fields import Fields
+from stereocalib_core.files.io import MOUNT_KEYS
+from stereocalib_core.results import (
+    BEST,
+    TO_DEGREES,
+    Cause,
+    Drive,
+    DrivePath,
+    FrameTable,
+    LidarCheck,
+    LidarShift,
+    Measured,
+    OdometryErrors,
+    Pair,
+    Residual,
+    Rig,
+    Shift,
+    Timing,
+    Tolerance,
+)
 
-AXES = ("height_m", "pitch_deg", "roll_deg")
-MIN_OK_FRACTION = 0.5
-
-
-def build_report(
-    source: str,
-    method: str,
-    results: Sequence[FrameResult],
-    analysis: DriveAnalysis | None,
-    elapsed_s: float,
-    total_ms: Sequence[float] = (),
-) -> dict[str, Any]:
-    """report.json as a dictionary; without an analysis its blocks are there but empty.
-
-    elapsed_s: wall time of all `results`. total_ms: wall time of each frame, its reading included.
-    """
-    ok = [result for result in results if result.ok]
-    report: dict[str, Any] = {
-        "source": source,
-        "frames": len(results),
-        "frames_ok": len(ok),
-        "method": method,
-        "trustworthy": True,
-        "why_not": None,
-        "mount": mount_block(Rig()),
-        "yaw_deg": None,
-        "yaw_sigma_deg": None,
-        "yaw_reason": "the drive was not analysed" if analysis is None else None,
-        **_statistics(results, None if analysis is None else analysis.filtered),
-        "rectification": _unknown_rectification(),
-        "odometry": {},
-        "gaps": gaps(results),
-        "failures": dict(sorted(Counter(result.reason for result in results if not result.ok).items())),
-        "shifts": [],
-        "lidar_check": None,
-    }
-    if analysis is not None:
-        report.update(analysis.report)
-    if len(ok) < MIN_OK_FRACTION * len(results):
-        reasons = ", ".join(f"{count} {reason}" for reason, count in report["failures"].items())
-        report["trustworthy"] = False
-        report["why_not"] = f"only {len(ok)} of {len(results)} frames are ok ({reasons})"
-    report["timing_ms"] = _timing(results, total_ms)
-    report["frames_per_second"] = len(results) / elapsed_s if elapsed_s > 0 else None
-    return report
+Block = dict[str, Any]
+DEGREE = float(np.deg2rad(1.0))
+STATISTICS = {"height_m": "height_m", "pitch_deg": "pitch_rad", "roll_deg": "roll_rad"}
+UNIT = {"height": "m", "pitch": "deg", "roll": "deg", "yaw": "deg", "x": "m", "z": "m"}
 
 
-def gaps(results: Sequence[FrameResult], measured: NDArray[np.bool_] | None = None) -> list[list[int]]:
-    """First and last frame of every run of failed frames, and of frames that the path reached without a measurement.
-
-    measured: (N,) whether the motion into a frame was measured on the road. Into the frame after a failed one it
-    seldom is: that is the failed frame's gap, and by itself makes it no longer.
-    """
-    failed = np.array([not result.ok for result in results], dtype=np.bool_)
-    missing = failed.copy()
-    if measured is not None:
-        after = np.concatenate([[False], failed[:-1]]) & np.concatenate([measured[1:], [True]])
-        missing |= ~measured & ~after
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
-    return [[results[first].frame, results[end - 1].frame] for first, end in edges]
-
-
-def estimates(results: Sequence[FrameResult]) -> NDArray[np.float64]:
-    """(N, 3) height [m], pitch, roll [rad] of each pair by itself, NaN where the frame failed."""
-    rows = [
-        (r.road.extrinsics.height_m, r.road.extrinsics.pitch_rad, r.road.extrinsics.roll_rad)
-        if r.road is not None
-        else (np.nan,) * 3
-        for r in results
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
-def _statistics(
-    results: Sequence[FrameResult], filtered: FilteredExtrinsics | None
-) -> dict[str, dict[str, float | None]]:
-    """Mean, median, std over ok frames, and the std of the filtered values over the same frames."""
-    values = estimates(results) * TO_DEGREES
-    ok = np.isfinite(values).all(axis=1)
-    smooth = filtered.values[ok] * TO_DEGREES if filtered is not None else np.full((int(ok.sum()), 3), np.nan)
-    block: dict[str, dict[str, float | None]] = {}
-    for axis, name in enumerate(AXES):
-        raw, flat = values[ok, axis], smooth[np.isfinite(smooth[:, axis]), axis]
-        block[name] = {
-            "mean": float(np.mean(raw)) if len(raw) else None,
-            "median": float(np.median(raw)) if len(raw) else None,
-            "std": float(np.std(raw)) if len(raw) else None,
-            "std_filtered": float(np.std(flat)) if len(flat) else None,
-        }
-    return block
-
-
-def _timing(results: Sequence[FrameResult], total_ms: Sequence[float]) -> Mapping[str, float]:
-    """Median milliseconds of each stage over the frames that went through it, and of the whole frame."""
-    by_stage: dict[str, list[float]] = {}
-    for result in results:
-        for stage, value in result.timing_ms.items():
-            by_stage.setdefault(stage, []).append(value)
-    medians = {stage: round(float(np.median(values)), 3) for stage, values in by_stage.items()}
-    if len(total_ms):
-        medians["total"] = round(float(np.median(total_ms)), 3)
-    return medians
-
-
-def mount_block(rig: Rig) -> dict[str, Any]:
-    """The block `mount` of report.json, metres and degrees; what is not known is null."""
-
-    def entry(value: Measured | None, scale: float) -> dict[str, float] | None:
-        return None if value is None else {"value": scale * value.value, "sigma": scale * value.sigma}
-
-    degree = float(np.rad2deg(1.0))
-    block: dict[str, Any] = {
-        "height_m": entry(rig.height_m, 1.0),
-        "pitch_deg": entry(rig.pitch_rad, degree),
-        "roll_deg": entry(rig.roll_rad, degree),
-        "yaw_deg": entry(rig.yaw_rad, degree),
-        "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
-        "T_vehicle_camera": None,
-        "within_tolerance": None,
-    }
-    if rig.height_m is not None and rig.pitch_rad is not None and rig.roll_rad is not None:
-        yaw = 0.0 if rig.yaw_rad is None else rig.yaw_rad.value
-        pose = Extrinsics(rig.height_m.value, rig.pitch_rad.value, rig.roll_rad.value, yaw)
-        block["T_vehicle_camera"] = pose.T_vehicle_camera.tolist()
-    return block
-
-
-def _unknown_rectification() -> dict[str, Any]:
+def report_of(drive: Drive) -> Block:
+    """report.json as a dictionary, in metres and degrees."""
+    frames, yaw = drive.frames, drive.mount.yaw_rad
+    statistics = frames.statistics(TO_DEGREES)
     return {
-        "row_offset_px": None,
-        "relative_pitch_deg": None,
-        "relative_roll_deg": None,
-        "verdict": "suspect",
-        "why": "not measured",
+        "source": drive.source,
+        "frames": len(frames),
+        "frames_ok": drive.frames_ok,
+        "method": drive.method,
+        "trustworthy": drive.why_not is None,
+        "why_not": drive.why_not,
+        "mount": _mount(drive),
+        "yaw_deg": None if yaw is None else float(np.rad2deg(yaw.value)),
+        "yaw_sigma_deg": None if yaw is None else float(np.rad2deg(yaw.sigma)),
+        "yaw_reason": drive.yaw_reason,
+        **{key: dataclasses.asdict(statistics[axis]) for key, axis in STATISTICS.items()},
+        "rectification": _rectification(drive.pair),
+        "odometry": {name: dataclasses.asdict(path.errors) for name, path in drive.paths.items()},
+        "gaps": [list(gap) for gap in drive.gaps],
+        "failures": dict(frames.failures),
+        "shifts": [_shift(shift) for shift in drive.shifts],
+        "lidar_check": None if drive.lidar is None else _lidar(drive.lidar),
+        "timing_ms": dict(drive.timing.stages_ms),
+        "frames_per_second": drive.timing.frames_per_second,
+        "notices": list(drive.notices),
     }
+
+
+def _measured(value: Measured | None, degrees: bool = False) -> Block | None:
+    if value is None:
+        return None
+    unit = float(TO_DEGREES[1]) if degrees else 1.0
+    return {"value": value.value * unit, "sigma": value.sigma * unit}
+
+
+def _mount(drive: Drive) -> Block:
+    rig = drive.mount
+    pose = rig.T_vehicle_camera
+    return {
+        **{
+            key: _measured(getattr(rig, field), key.endswith("_deg"))
+            for key, (field, _) in MOUNT_KEYS.items()
+        },
+        "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
+        "T_vehicle_camera": None if pose is None else pose.tolist(),
+        "within_tolerance": drive.within_tolerance,
+        "tolerance": {
+            key: {
+                "nominal": round(limit.nominal / unit, 9),
+                "tolerance": round(limit.tolerance / unit, 9),
+                "within": drive.within(field),
+            }
+            for key, (field, unit) in MOUNT_KEYS.items()
+            if (limit := drive.limits.get(field)) is not None
+        },
+    }
+
+
+def _rectification(pair: Pair) -> Block:
+    return {
+        "row_offset_px": _measured(pair.row_offset_px),
+        "relative_pitch_deg": _measured(pair.relative_pitch_rad, degrees=True),
+        "relative_roll_deg": _measured(pair.relative_roll_rad, degrees=True),
+        "verdict": pair.verdict,
+        "why": pair.why,
+    }
+
+
+def _shift(shift: Shift | LidarShift) -> Block:
+    unit = UNIT[shift.axis]
+    size = shift.size if unit == "m" else float(np.rad2deg(shift.size))
+    return {"frame": shift.frame, "axis": shift.axis, "size": size, "unit": unit, "kind": shift.kind}
+
+
+def _lidar(check: LidarCheck) -> Block:
+    def shift(found: LidarShift) -> Block:
+        sigma = found.sigma if UNIT[found.axis] == "m" else float(np.rad2deg(found.sigma))
+        more = {"sigma": sigma, "detected_at": found.detected_at, "moved": found.moved}
+        return {**_shift(found), **more}
+
+    residuals = {"height_m": check.height_m, "pitch_deg": check.pitch_rad, "roll_deg": check.roll_rad}
+    return {
+        **{
+            key: {
+                name: value * (float(TO_DEGREES[1]) if key.endswith("_deg") else 1.0)
+                for name, value in dataclasses.asdict(residual).items()
+            }
+            for key, residual in residuals.items()
+        },
+        "shifts": [shift(found) for found in check.shifts],
+        "frames": check.frames,
+        "unseen": check.unseen,
+    }
+
+
+# --- and back
+
+
+def drive_of(
+    report: Mapping[str, Any], path: Path, frames: FrameTable, poses: NDArray[np.float64] | None
+) -> Drive:
+    """The drive that `report` tells of, with its frames and its best path; raises SourceError for a wrong type.
+
+    path: where the report is from. What a report leaves out or has as null is not known.
+    """
+    root = Fields(report, path)
+    mount = root.block("mount")
+    limits = mount.block("tolerance")
+    rig = {field: mount.measured(key, unit) for key, (field, unit) in MOUNT_KEYS.items()}
+    lever_arm_m = mount.number("lever_arm_m")
+    return Drive(
+        frames=frames,
+        source=root.text("source") or "",
+        method=root.text("method") or "",
+        mount=Rig(**rig, lever_arm_m=None if lever_arm_m is None else Measured(lever_arm_m, np.nan)),
+        yaw_reason=root.text("yaw_reason"),
+        limits={
+            field: Tolerance(block.need("nominal") * unit, block.need("tolerance") * unit)
+            for key, (field, unit) in MOUNT_KEYS.items()
+            if (block := limits.block(key)).values
+        },
+        pair=_read_pair(root.block("rectification")),
+        paths=_read_paths(root.block("odometry"), len(frames), poses),
+        gaps=root.pairs("gaps"),
+        shifts=tuple(_read_shift(block) for block in root.blocks("shifts")),
+        lidar=_read_lidar(root.block("lidar_check")),
+        causes=tuple(_read_cause(block) for block in root.blocks("likely_causes")),
+        timing=Timing(root.block("timing_ms").numbers(), root.number("frames_per_second")),
+        notices=root.texts("notices"),
+    )
+
+
+def _read_pair(block: Fields) -> Pair:
+    return Pair(
+        block.choice("verdict", ("good", "suspect", "bad", "not measured")) or "suspect",
+        block.text("why") or "",
+        block.measured("row_offset_px"),
+        block.measured("relative_pitch_deg", DEGREE),
+        block.measured("relative_roll_deg", DEGREE),
+    )
+
+
+def _read_paths(block: Fields, count: int, poses: NDArray[np.float64] | None) -> dict[str, DrivePath]:
+    if poses is not None and len(poses) != count:
+        raise SourceError(f"{len(poses)} poses of {count} frames", block.path, "run the drive again")
+    unknown = np.full((count, 4, 4), np.nan), np.full((count, 6, 6), np.nan)
+    names = [field.name for field in dataclasses.fields(OdometryErrors)][1:]
+    paths = {}
+    for name in block.values:
+        entry = block.block(name)
+        errors = OdometryErrors(entry.need("path_m"), *(entry.number(key) for key in names))
+        paths[name] = DrivePath(unknown[0], unknown[1], errors)
+    if poses is not None:
+        errors = paths[BEST].errors if BEST in paths else OdometryErrors(np.nan)
+        paths[BEST] = DrivePath(poses, unknown[1], errors)
+    return paths
+
+
+def _read_shift(block: Fields) -> Shift:
+    axis = block.choice("axis", ("height", "pitch", "roll", "yaw"), needed=True)
+    unit = 1.0 if axis == "height" else DEGREE
+    sigma, frame = block.number("sigma"), int(block.need("frame"))
+    return Shift(
+        frame,
+        axis,
+        block.need("size") * unit,
+        np.nan if sigma is None else sigma * unit,
+        block.choice("kind", ("step", "drift"), needed=True),
+        int(block.number("detected_at") or frame),
+    )
+
+
+def _read_lidar(block: Fields) -> LidarCheck | None:
+    if not block.values:
+        return None
+
+    def residual(key: str) -> Residual:
+        unit = DEGREE if key.endswith("_deg") else 1.0
+        entry = block.block(key)
+        return Residual(*(entry.need(field.name) * unit for field in dataclasses.fields(Residual)))
+
+    def shift(entry: Fields) -> LidarShift:
+        axis = entry.choice("axis", ("height", "pitch", "roll"), needed=True)
+        unit = 1.0 if axis == "height" else DEGREE
+        return LidarShift(
+            int(entry.need("frame")),
+            axis,
+            entry.need("size") * unit,
+            entry.need("sigma") * unit,
+            entry.choice("kind", ("step", "offset"), needed=True),
+            int(entry.need("detected_at")),
+            entry.choice("moved", ("lidar", "camera")),
+        )
+
+    return LidarCheck(
+        residual("height_m"),
+        residual("pitch_deg"),
+        residual("roll_deg"),
+        tuple(shift(entry) for entry in block.blocks("shifts")),
+        int(block.need("frames")),
+        block.text("unseen") or "",
+    )
+
+
+def _read_cause(block: Fields) -> Cause:
+    first, last = block.pair("frames")
+    return Cause(first, last, *(block.text(key) or "" for key in ("reason", "cause", "remedy")))

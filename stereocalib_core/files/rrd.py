@@ -20,7 +20,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,14 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import OutputError
-from stereocalib_core.files.report import AXES
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.matching import compute
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera, horizon
-from stereocalib_core.results import TO_DEGREES, DriveAnalysis, FrameResult
+from stereocalib_core.results import TO_DEGREES, Drive, FrameResult, LidarShift, Shift
 
 APPLICATION = "stereocalib"
+AXES = ("height_m", "pitch_deg", "roll_deg")
 PICTURE_QUALITY, DISPARITY_QUALITY = 70, 75
 RAW, FILTERED, BAND = (120, 160, 220), (255, 190, 60), (140, 110, 60)
 PATH_COLOURS = {"autocalibrated": (255, 190, 60), "no_yaw": (90, 200, 120), "no_roll": (200, 100, 220)}
@@ -131,15 +130,12 @@ class Recorder:
         for axis, value in zip(AXES, (pose.height_m, pose.pitch_deg, pose.roll_deg), strict=True):
             stream.log(f"extrinsics/{axis}/raw", rr.Scalars(value))
 
-    def drive(
-        self, results: Sequence[FrameResult], analysis: DriveAnalysis, truth: NDArray[np.float64] | None
-    ) -> None:
+    def drive(self, drive: Drive, truth: NDArray[np.float64] | None) -> None:
         """The whole drive: filtered extrinsics with sigma, camera poses, paths, gaps and shifts."""
-        self._filtered(results, analysis)
-        paths = {name: path.poses for name, path in getattr(analysis, "paths", {}).items()}
-        if analysis.poses is not None:
-            paths.setdefault("autocalibrated", analysis.poses)
-            self._poses(results, analysis.poses)
+        self._filtered(drive)
+        if drive.poses is not None:
+            self._poses(drive, drive.poses)
+        paths = {name: path.poses for name, path in drive.paths.items()}
         if truth is not None:
             paths["truth"] = truth
         for name, poses in paths.items():
@@ -147,27 +143,23 @@ class Recorder:
             colour = PATH_COLOURS.get(name, (150, 150, 150))
             strip = self._rr.LineStrips3D([points], colors=[colour], labels=[name], show_labels=False)
             self._stream.log(f"world/path/{name}", strip, static=True)
-        for first, last in analysis.report.get("gaps", ()):
-            self._event(results, first, f"no road measured in frames {first} to {last}")
-        lidar = analysis.report.get("lidar_check") or {}
-        for who, shifts in (("", analysis.report.get("shifts", ())), ("LiDAR: ", lidar.get("shifts", ()))):
-            for shift in shifts:
-                text = f"{who}{shift['kind']} of {shift['axis']} by {shift['size']:+.3f} {shift['unit']}"
-                self._event(results, shift["frame"], text)
+        for first, last in drive.gaps:
+            self._event(drive, first, f"no road measured in frames {first} to {last}")
+        for shift in drive.shifts:
+            self._event(drive, shift.frame, shift_text(shift))
+        for found in () if drive.lidar is None else drive.lidar.shifts:
+            self._event(drive, found.frame, f"LiDAR: {shift_text(found)}")
 
-    def _columns(self, results: Sequence[FrameResult], rows: NDArray[np.int64]) -> list[Any]:
-        frames = [results[row].frame for row in rows]
-        times = [results[row].timestamp_s for row in rows]
+    def _columns(self, drive: Drive, rows: NDArray[np.int64]) -> list[Any]:
+        frames, times = drive.frames.frame[rows], drive.frames.timestamp_s[rows]
         return [self._rr.TimeColumn("frame", sequence=frames), self._rr.TimeColumn("time", duration=times)]
 
-    def _filtered(self, results: Sequence[FrameResult], analysis: DriveAnalysis) -> None:
-        if analysis.filtered is None:
-            return
-        rows = np.flatnonzero([state != "none" for state in analysis.filtered.state])
+    def _filtered(self, drive: Drive) -> None:
+        rows = np.flatnonzero([state != "none" for state in drive.frames.filter_state])
         if len(rows) == 0:
             return
-        values = analysis.filtered.values[rows] * TO_DEGREES
-        sigma = analysis.filtered.sigma[rows] * TO_DEGREES
+        values = drive.frames.filtered[rows] * TO_DEGREES
+        sigma = drive.frames.filtered_sigma[rows] * TO_DEGREES
         for i, axis in enumerate(AXES):
             parts = {
                 "filtered": values[:, i],
@@ -177,20 +169,26 @@ class Recorder:
             for part, column in parts.items():
                 self._stream.send_columns(
                     f"extrinsics/{axis}/{part}",
-                    self._columns(results, rows),
+                    self._columns(drive, rows),
                     self._rr.Scalars.columns(scalars=column),
                 )
 
-    def _poses(self, results: Sequence[FrameResult], poses: NDArray[np.float64]) -> None:
+    def _poses(self, drive: Drive, poses: NDArray[np.float64]) -> None:
         rows = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
         columns = self._rr.Transform3D.columns(translation=poses[rows, :3, 3], mat3x3=poses[rows, :3, :3])
-        self._stream.send_columns("world/camera", self._columns(results, rows), columns)
+        self._stream.send_columns("world/camera", self._columns(drive, rows), columns)
 
-    def _event(self, results: Sequence[FrameResult], frame: int, text: str) -> None:
-        row = min(max(frame - results[0].frame, 0), len(results) - 1)
-        self._stream.set_time("frame", sequence=results[row].frame)
-        self._stream.set_time("time", duration=results[row].timestamp_s)
+    def _event(self, drive: Drive, frame: int, text: str) -> None:
+        row = min(max(frame - int(drive.frames.frame[0]), 0), len(drive.frames) - 1)
+        self._stream.set_time("frame", sequence=int(drive.frames.frame[row]))
+        self._stream.set_time("time", duration=float(drive.frames.timestamp_s[row]))
         self._stream.log("events", self._rr.TextLog(text, level=EVENT))
+
+
+def shift_text(shift: Shift | LidarShift) -> str:
+    """A shift in one line, in metres or degrees."""
+    size, unit = (shift.size, "m") if shift.axis == "height" else (np.rad2deg(shift.size), "deg")
+    return f"{shift.kind} of {shift.axis} by {size:+.3f} {unit}"
 
 
 def find_viewer() -> str:

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results.frame import FilteredExtrinsics, FrameResult, Measured
+from stereocalib_core.results.frame import FrameResult, Measured
 from stereocalib_core.results.table import FrameTable
 
 Array = NDArray[np.float64]
@@ -296,17 +296,3 @@ class Drive:
         """Whether every limited axis holds; None without limits, or when one was not measured."""
         judged = [self.within(axis) for axis in self.limits]
         return None if not judged or None in judged else all(judged)
-
-
-@dataclass(frozen=True)
-class DriveAnalysis:
-    """What the back end makes of a whole drive; `Drive` takes its place.
-
-    report: the blocks of report.json that need the whole drive, by their names there.
-    poses: (N, 4, 4) T_world_camera per frame, variant `autocalibrated`, world = first left camera; or None.
-    """
-
-    report: Mapping[str, Any]
-    filtered: FilteredExtrinsics | None = None
-    poses: Array | None = None
-    rig: Rig | None = None

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.results.frame import FilteredExtrinsics, FrameResult, estimates
+from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results.frame import FilteredExtrinsics, FrameResult, RoadEstimate, estimates
 
 if TYPE_CHECKING:
     import pandas
@@ -90,6 +92,22 @@ class FrameTable:
             free_fraction=_numbers((r.road or r).free_fraction for r in results),
             inliers=_numbers((r.road or r).inliers for r in results),
         )
+
+    def results(self) -> list[FrameResult]:
+        """The frames as results again, as far as a table has them: without tracks, checks and covariances."""
+        found = []
+        for i, values in enumerate(self.values.tolist()):
+            road = failure = None
+            free, inliers = float(self.free_fraction[i]), self.inliers[i]
+            count = int(inliers) if np.isfinite(inliers) else 0
+            if self.ok[i]:
+                covariance, unknown = np.diag(self.sigma[i] ** 2), (float("nan"), float("nan"))
+                road = RoadEstimate(Extrinsics(*values), covariance, count, free, unknown)
+            else:
+                failure = Failure(FailureReason(self.reason[i]), "as written by the run")
+            time_s = float(self.timestamp_s[i])
+            found.append(FrameResult(int(self.frame[i]), time_s, road, failure, free, count))
+        return found
 
     def __len__(self) -> int:
         return len(self.frame)

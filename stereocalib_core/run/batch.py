@@ -32,6 +32,8 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
 from stereocalib_core.files import io
 from stereocalib_core.files.output_folder import OutputFolder
+from stereocalib_core.files.run_folder import RESULT_FILES, load_run
+from stereocalib_core.results import Drive
 from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
 from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
 
@@ -118,8 +120,8 @@ def run_batch(
     for spec, name in zip(specs, names, strict=True):
         if spec in unusable:
             outcomes[name] = DriveOutcome(name, spec, "failed", unusable[spec])
-        elif (report := sealed_report(out / name, spec, config)) is not None and not overwrite:
-            outcomes[name] = DriveOutcome(name, spec, "done", report=report)
+        elif (drive := sealed_drive(out / name, spec, config)) is not None and not overwrite:
+            outcomes[name] = DriveOutcome(name, spec, "done", drive=drive)
         else:
             waiting.append((spec, name))
     if progress:
@@ -142,7 +144,7 @@ def run_batch(
 
 def _summary(outcomes: list[DriveOutcome], notes: tuple[str, ...]) -> BatchSummary:
     failed = [o for o in outcomes if o.status == "failed"]
-    doubtful = [o for o in outcomes if o.report is not None and o.report.get("why_not")]
+    doubtful = [o for o in outcomes if o.drive is not None and o.drive.why_not]
     parts = []
     if failed:
         parts.append(
@@ -203,8 +205,8 @@ def _name_parts(spec: str) -> list[str]:
 # --- one drive, in a worker
 
 
-def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> dict[str, Any]:
-    """Run or resume one drive, seal its folder, and give its report; what is wrong with it as `error`."""
+def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> str | None:
+    """Run or resume one drive and seal its folder; None, or what is wrong with it in one line."""
     import cv2
 
     from stereocalib_core.run.drive import CHECKPOINT, run_drive
@@ -216,19 +218,18 @@ def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> 
         with (path / LOCK).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)  # a worker thought dead may still be at it
             resolved = settings.from_dict(config, "batch settings")
-            report = sealed_report(path, spec, resolved)
-            if report is None or overwrite:
+            if overwrite or sealed_drive(path, spec, resolved) is None:
                 (path / SEAL).unlink(missing_ok=True)
                 go_on = (path / CHECKPOINT).is_file() and not overwrite
-                report = _run_or_restart(spec, path, resolved, go_on, run_drive)
+                _run_or_restart(spec, path, resolved, go_on, run_drive)
                 seal(path, spec, resolved)
         (path / LOCK).unlink(missing_ok=True)
-        return {"report": report}
+        return None
     except StereoCalibError as error:
-        return {"error": str(error)}
+        return str(error)
 
 
-def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> dict[str, Any]:
+def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> str | None:
     """`run_one` in a worker of a local cluster, which are numbered: this one keeps to its own of `cores`.
 
     The thread is bound, and with it every thread that the drive starts.
@@ -248,8 +249,8 @@ def usable_cores() -> list[int]:
 
 
 def _run_or_restart(
-    spec: str, path: Path, config: PipelineConfig, go_on: bool, run_drive: Callable[..., dict[str, Any]]
-) -> dict[str, Any]:
+    spec: str, path: Path, config: PipelineConfig, go_on: bool, run_drive: Callable[..., Drive]
+) -> Drive:
     """Go on from a checkpoint; one of other settings or another version is started afresh."""
     if go_on:
         with contextlib.suppress(OutputError):
@@ -262,13 +263,13 @@ def seal(folder: Path, spec: str, config: PipelineConfig) -> None:
     io.write_json(folder / SEAL, {"made_from": _made_from(spec, config), "sha256": _digests(folder)})
 
 
-def sealed_report(folder: Path, spec: str, config: PipelineConfig) -> dict[str, Any] | None:
-    """The report of a drive that is done, whole, and of the same source and settings; else None."""
+def sealed_drive(folder: Path, spec: str, config: PipelineConfig) -> Drive | None:
+    """A drive that is done, whole, and of the same source and settings; else None."""
     try:
         mark = json.loads((folder / SEAL).read_text(encoding="utf-8"))
         if mark["sha256"] != _digests(folder) or mark["made_from"] != _made_from(spec, config):
             return None
-        return io.read_json(folder / "report.json")
+        return load_run(folder)
     except (OSError, ValueError, KeyError, TypeError, StereoCalibError):
         return None
 
@@ -279,7 +280,7 @@ def _made_from(spec: str, config: PipelineConfig) -> list[str]:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    present = [name for name in io.RESULT_FILES if (folder / name).is_file()]
+    present = [name for name in RESULT_FILES if (folder / name).is_file()]
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in present}
 
 
@@ -348,7 +349,7 @@ def _kill_workers(cluster: Any) -> None:
 
 def _submit(
     client: Any,
-    work: Callable[..., dict[str, Any]],
+    work: Callable[..., str | None],
     waiting: list[tuple[str, str]],
     out: Path,
     config: PipelineConfig,
@@ -366,8 +367,8 @@ def _submit(
     for future in as_completed(futures):
         spec, name = futures[future]
         error = future.exception()
-        given: dict[str, Any] = {"error": f"{type(error).__name__}: {error}"} if error else future.result()
-        if "error" in given:
-            yield DriveOutcome(name, spec, "failed", " ".join(given["error"].split()))
+        wrong = f"{type(error).__name__}: {error}" if error else future.result()
+        if wrong is not None:
+            yield DriveOutcome(name, spec, "failed", " ".join(wrong.split()))
         else:
-            yield DriveOutcome(name, spec, "done", report=given["report"])
+            yield DriveOutcome(name, spec, "done", drive=load_run(out / name))

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from stereocalib_core.files.io import write_atomic
+from stereocalib_core.files.io import MOUNT_KEYS, write_atomic
+from stereocalib_core.results import BEST, Drive
 
 AXES = (
     ("height_m", "height [m]"),
@@ -28,13 +29,13 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class DriveOutcome:
-    """One drive of a batch. status: done or failed; `report` is there when done, `reason` when failed."""
+    """One drive of a batch. status: done or failed; `drive` is there when done, `reason` when failed."""
 
     name: str
     source: str
     status: str
     reason: str = ""
-    report: dict[str, Any] | None = None
+    drive: Drive | None = None
 
 
 def write_summary(out: Path, outcomes: Sequence[DriveOutcome]) -> None:
@@ -51,20 +52,23 @@ def write_summary(out: Path, outcomes: Sequence[DriveOutcome]) -> None:
 
 def row_of(outcome: DriveOutcome) -> dict[str, Any]:
     """The values of one row by column, None = no value."""
-    report = outcome.report or {}
-    mount = report.get("mount") or {}
-    odometry = (report.get("odometry") or {}).get("autocalibrated") or {}
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     row |= {"drive": outcome.name, "source": outcome.source, "status": outcome.status}
-    row["reason"] = outcome.reason or report.get("why_not")
+    row["reason"] = outcome.reason or None
+    drive = outcome.drive
+    if drive is None:
+        return row
     for axis, _ in AXES:
-        block = mount.get(axis) or {}
-        row[axis], row[axis.replace("_", "_sigma_")] = block.get("value"), block.get("sigma")
-    if outcome.report is not None:
-        row |= {key: report.get(key) for key in ("frames", "frames_ok", "trustworthy")}
-        row["rectification"] = (report.get("rectification") or {}).get("verdict")
-        row["shifts"] = len(report.get("shifts") or [])
-        row |= {key: odometry.get(key) for key in ("path_m", "final_translation_percent")}
+        field, unit = MOUNT_KEYS[axis]
+        found = getattr(drive.mount, field)
+        if found is not None:
+            row[axis], row[axis.replace("_", "_sigma_")] = found.value / unit, found.sigma / unit
+    row |= {"frames": len(drive.frames), "frames_ok": drive.frames_ok}
+    row |= {"trustworthy": drive.why_not is None, "reason": drive.why_not}
+    row |= {"rectification": drive.pair.verdict, "shifts": len(drive.shifts)}
+    if BEST in drive.paths:
+        errors = drive.paths[BEST].errors
+        row |= {"path_m": errors.path_m, "final_translation_percent": errors.final_translation_percent}
     return row
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,19 +16,17 @@ from stereocalib_core import __version__
 from stereocalib_core import config as settings
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
-from stereocalib_core.files import io
 from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
 from stereocalib_core.files.output_folder import OutputFolder
-from stereocalib_core.files.report import build_report
+from stereocalib_core.files.run_folder import RESULT_FILES, load_run, write_run
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
-from stereocalib_core.results import DriveAnalysis, FrameResult, Rig
-from stereocalib_core.run.tolerance import Tolerance, judged
+from stereocalib_core.results import Drive, FrameResult, Rig, Timing, Tolerance
 from stereocalib_core.sources import open_source, prefetch
 
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
 """What a finished run keeps of every frame, tracks included, so that a page can go on from there."""
-FILES = (*io.RESULT_FILES, "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
+FILES = (*RESULT_FILES, "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
 Progress = Callable[[int, int, str], None]
 """Called with frames done, frames in all, and what is being done."""
 
@@ -46,9 +44,7 @@ class Observer(Protocol):
     def frame(self, frame: StereoFrame, result: FrameResult) -> None:
         """A frame is done."""
 
-    def drive(
-        self, results: Sequence[FrameResult], analysis: DriveAnalysis, truth: NDArray[np.float64] | None
-    ) -> None:
+    def drive(self, drive: Drive, truth: NDArray[np.float64] | None) -> None:
         """The whole drive is analysed."""
 
     def close(self, keep: bool) -> None:
@@ -96,8 +92,8 @@ def run_drive(
     overwrite: bool = False,
     resume: bool = False,
     progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Process SOURCE `spec` into `out` and return the report.
+) -> Drive:
+    """Process SOURCE `spec` into `out` and return what it says.
 
     frames: zero-based, half open; None = from the first, to the last.
     rrd: write recording.rrd too; rerun: show the run in the Rerun viewer.
@@ -110,9 +106,9 @@ def run_drive(
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
     resume = resume and not overwrite
     if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
-        report = _finished(job)
-        if report is not None:
-            return report
+        finished = _finished(job)
+        if finished is not None:
+            return finished
     done, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
     if len(done) > stop - start:
         remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
@@ -135,8 +131,8 @@ def _resumable(out: Path, resume: bool) -> bool:
     return resume and checkpoint.is_file() and checkpoint.stat().st_size > 0
 
 
-def _finished(job: Job) -> dict[str, Any] | None:
-    """The report of a run that needs no resuming; raises OutputError when it was another one.
+def _finished(job: Job) -> Drive | None:
+    """The result of a run that needs no resuming; raises OutputError when it was another one.
 
     None where only the recording is lacking: the frames are a checkpoint again, and the run goes on from its end.
     """
@@ -147,7 +143,7 @@ def _finished(job: Job) -> dict[str, Any] | None:
     if job.record and not (job.out / "recording.rrd").is_file():
         (job.out / FRAMES).replace(job.out / CHECKPOINT)
         return None
-    return io.read_json(job.out / "report.json")
+    return load_run(job.out)
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:
@@ -161,7 +157,7 @@ def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int,
     return start, min(stop, count)
 
 
-def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None) -> dict[str, Any]:
+def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None) -> Drive:
     """All of it. `done`: frames of an earlier run, to which this one's are added as they are finished."""
     earlier = list(done)
     for stale in job.out.glob(".*.tmp"):
@@ -185,22 +181,23 @@ def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None
             progress(len(done), job.stop - job.start, "analysing the drive")
         results = [d.result for d in done]
         truth = cut_truth(job.source.ground_truth, job.start, job.start + len(done))
-        analysis = _analyse(results, job, truth)
+        drive = _told(_analyse(results, job, truth), job, done, elapsed_s)
         for observer in observers:
-            observer.drive(results, analysis, None if truth is None else truth.poses)
+            observer.drive(drive, None if truth is None else truth.poses)
         whole = True
     except KeyboardInterrupt:
         if done:
             whole = True
-            _write(job, done, None, 1e-3 * sum(d.total_ms for d in done))
+            drive = Drive.of_frames([d.result for d in done], job.config)
+            write_run(_told(drive, job, done, 1e-3 * sum(d.total_ms for d in done)), job.out)
         raise
     finally:
         checkpoint.close()
         for observer in observers:
             observer.close(whole)
-    report = _write(job, done, analysis, elapsed_s)
+    write_run(drive, job.out)
     (job.out / CHECKPOINT).replace(job.out / FRAMES)
-    return report
+    return drive
 
 
 def _observers(job: Job) -> Iterator[Observer]:
@@ -247,7 +244,7 @@ def recall(front_end: Any, source: FrameSource, earlier: list[Done]) -> None:
     front_end.recall(again, before[-1].extrinsics if before else None, memory)
 
 
-def _analyse(results: list[FrameResult], job: Job, truth: GroundTruth | None) -> DriveAnalysis:
+def _analyse(results: list[FrameResult], job: Job, truth: GroundTruth | None) -> Drive:
     from stereocalib_core.back.analyse import analyse
 
     return analyse(results, job.source.camera, job.config, truth, job.rig)
@@ -266,20 +263,12 @@ def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth |
     )
 
 
-def _write(job: Job, done: list[Done], analysis: DriveAnalysis | None, elapsed_s: float) -> dict[str, Any]:
-    """All files of a run; report.json last, so that its presence means that the others are there."""
-    results, out = [d.result for d in done], job.out
-    report = build_report(
-        job.spec, job.config.method, results, analysis, elapsed_s, [d.total_ms for d in done]
+def _told(drive: Drive, job: Job, done: list[Done], elapsed_s: float) -> Drive:
+    """The drive with what only its run knows."""
+    return dataclasses.replace(
+        drive,
+        source=job.spec,
+        limits=job.tolerances,
+        timing=Timing.of([d.result for d in done], elapsed_s, [d.total_ms for d in done]),
+        notices=tuple(job.source.notices),
     )
-    report["notices"] = list(job.source.notices)
-    report["mount"] = judged(report["mount"], job.tolerances)
-    io.write_json(out / "config.json", settings.to_dict(job.config))
-    io.write_extrinsics_csv(out / "extrinsics.csv", results, None if analysis is None else analysis.filtered)
-    if analysis is not None:
-        io.write_rig(out / "rig.yaml", analysis.rig or Rig())
-        if analysis.poses is not None:
-            io.write_kitti(out / "trajectory.txt", analysis.poses)
-            io.write_tum(out / "trajectory.tum", io.timestamps(results), analysis.poses)
-    io.write_json(out / "report.json", report)
-    return report

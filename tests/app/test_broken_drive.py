@@ -19,6 +19,7 @@ from stereocalib_app.drive.panels import debug
 from stereocalib_app.server.hub import Hub
 
 from stereocalib_core.errors import SourceError
+from stereocalib_core.files.run_folder import write_run as save
 from stereocalib_core.sources import open_source
 
 FRAMES = 8
@@ -101,7 +102,8 @@ def test_from_the_page_to_a_finding(hub: Hub, open_page: Any) -> None:
 def write_run(hub: Hub, folder: Path) -> Path:
     folder.mkdir()
     page = hub.shared
-    exports.write_run_folder(page.session, page.session.snapshot, page.settings, folder)
+    drive = exports.shown_drive(page.session, page.session.snapshot, page.settings.corrections)
+    save(drive, folder)
     return folder
 
 
@@ -114,10 +116,10 @@ def test_a_finished_run_opens_again(hub: Hub, broken_folder: Path) -> None:
     assert [r.reason for r in after.results] == [r.reason for r in before.results]
     heights = [[r.road.extrinsics.height_m for r in s.results if r.road] for s in (before, after)]
     np.testing.assert_allclose(heights[1], heights[0], atol=1e-6)
-    assert after.analysis is not None
-    assert after.analysis.poses is not None
-    assert before.analysis is not None
-    np.testing.assert_allclose(after.analysis.poses, before.analysis.poses, atol=1e-4)
+    assert after.drive is not None
+    assert after.drive.poses is not None
+    assert before.drive is not None
+    np.testing.assert_allclose(after.drive.poses, before.drive.poses, atol=1e-4)
     assert session.views.get(0, "all stages").jpeg[:2] == b"\xff\xd8"
     session.close()
 

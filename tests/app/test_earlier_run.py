@@ -85,10 +85,13 @@ def test_pictures_that_are_gone_are_named(run: Path, opened: Callable[[], Sessio
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"mount": {"height_m": 1.65}}, "report.json of another version"),
-        ({"shifts": [{"axis": "pitch"}]}, "report.json of another version"),
-        ({"rectification": "good"}, "report.json of another version"),
-        ({"mount": None, "shifts": None, "source": 5, "odometry": None}, ""),
+        ({"mount": {"height_m": 1.65}}, "mount.height_m is no object"),
+        ({"shifts": [{"axis": "pitch"}]}, "shifts.0..frame is no number"),
+        ({"rectification": "good"}, "rectification is no object"),
+        ({"source": 5}, "source is no text"),
+        ({"gaps": [[1, "2"]]}, "gaps is no list of pairs"),
+        ({"odometry": {"autocalibrated": {"path_m": "far"}}}, "odometry.autocalibrated.path_m is no number"),
+        ({"mount": None, "shifts": None, "odometry": None}, ""),
     ],
 )
 def test_reports_of_another_shape(run: Path, values: dict[str, Any], words: str) -> None:

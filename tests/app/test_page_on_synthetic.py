@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import (
     press,
@@ -23,14 +24,14 @@ from conftest import (
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.words.lessons import LESSONS
 
+from stereocalib_core.results import Tolerance
 from stereocalib_core.run.drive import run_drive
-from stereocalib_core.run.tolerance import Tolerance
 
 pytestmark = pytest.mark.browser
 
 FRAMES, DARK = 24, (14, 16)
 DRIVE = f"synthetic:town?frames={FRAMES}&fault=night@{DARK[0]}-{DARK[1]}"
-LIMITS = {"height_m": Tolerance(1.65, 0.05), "pitch_deg": Tolerance(3.0, 0.2)}
+LIMITS = {"height_m": Tolerance(1.65, 0.05), "pitch_rad": Tolerance(*np.deg2rad([3.0, 0.2]))}
 
 
 FITS = "of => { const e = document.querySelector(of); return e.scrollWidth <= e.clientWidth; }"

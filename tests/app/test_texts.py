@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import shlex
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -20,7 +21,17 @@ from stereocalib_app.words.remedies import REMEDIES
 
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import Check, FrameResult, RoadEstimate
+from stereocalib_core.results import (
+    Check,
+    Drive,
+    FrameResult,
+    FrameTable,
+    Measured,
+    Pair,
+    Rig,
+    RoadEstimate,
+    Tolerance,
+)
 from stereocalib_core.sources import open_source
 
 EVIL = '<img src=x onerror=alert(1)> "quoted" `code` [link](javascript:x) & more'
@@ -170,18 +181,14 @@ def test_now_is_a_line_at_its_share_of_the_plot() -> None:
 def test_the_card_judges_each_axis_and_the_whole() -> None:
     from stereocalib_app.drive.card import card_html, card_text
 
-    from stereocalib_core.run.tolerance import Tolerance, judged
-
-    mount = {
-        axis: {"value": value, "sigma": 0.01} for axis, value in (("height_m", 1.66), ("pitch_deg", 0.5))
-    }
     limits = {
         "height_m": Tolerance(1.65, 0.02),
-        "pitch_deg": Tolerance(0.8, 0.2),
-        "roll_deg": Tolerance(0.0, 1.0),
+        "pitch_rad": Tolerance(*np.deg2rad([0.8, 0.2])),
+        "roll_rad": Tolerance(*np.deg2rad([0.0, 1.0])),
     }
-    report = {"mount": judged(mount, limits), "shifts": [], "rectification": {"verdict": "good", "why": EVIL}}
-    snapshot = Snapshot(1, (good(0),), report=report, done=True)
+    mount = Rig(height_m=Measured(1.66, 0.01), pitch_rad=Measured(*np.deg2rad([0.5, 0.01])))
+    drive = Drive(FrameTable.of([good(0)]), mount=mount, limits=limits, pair=Pair("good", EVIL))
+    snapshot = Snapshot(1, (good(0),), drive=drive, done=True)
     lines = card_text("drive", snapshot)
     assert "height: 1.660 ± 0.010 m (✓ within 1.65 ± 0.02 m)" in lines
     assert "pitch: 0.500 ± 0.010° (✗ OUTSIDE 0.8 ± 0.2°)" in lines
@@ -190,8 +197,10 @@ def test_the_card_judges_each_axis_and_the_whole() -> None:
     shown = card_html(snapshot)
     assert "<img" not in shown
     assert shown.count("✗ OUTSIDE") == 1
-    report = {"mount": {**mount, "within_tolerance": False}}
-    assert "✗ mount OUTSIDE tolerance" in card_text("run", Snapshot(1, (good(0),), report=report, done=True))
+    drive = replace(drive, limits={axis: limits[axis] for axis in ("height_m", "pitch_rad")})
+    assert "✗ mount OUTSIDE tolerance" in card_text("run", replace(snapshot, drive=drive))
+    drive = replace(drive, limits={"height_m": limits["height_m"]})
+    assert "✓ mount within tolerance" in card_text("run", replace(snapshot, drive=drive))
 
 
 @pytest.mark.parametrize("kind", [k for k in faults.KINDS if k != "ramp"])

@@ -10,9 +10,9 @@ import pytest
 
 from stereocalib_core.errors import Failure, FailureReason, OutputError, SourceError
 from stereocalib_core.files import io
-from stereocalib_core.files.report import gaps
+from stereocalib_core.files.extrinsics import format_cell, read_extrinsics_csv, write_extrinsics_csv
 from stereocalib_core.geometry import Extrinsics, rotation_x, rotation_y, rotation_z, transform
-from stereocalib_core.results import FilteredExtrinsics, FrameResult, Measured, Rig, RoadEstimate
+from stereocalib_core.results import FilteredExtrinsics, FrameResult, FrameTable, Measured, Rig, RoadEstimate
 
 HEADER = (
     "frame,timestamp_s,status,reason,height_m,pitch_deg,roll_deg,height_sigma_m,pitch_sigma_deg,roll_sigma_deg,"
@@ -42,7 +42,8 @@ def smooth(states: list[str]) -> FilteredExtrinsics:
 
 def test_extrinsics_csv_to_the_letter(tmp_path: Path) -> None:
     path = tmp_path / "extrinsics.csv"
-    io.write_extrinsics_csv(path, [good(7), bad(8), bad(9)], smooth(["updated", "predicted", "none"]))
+    table = FrameTable.of([good(7), bad(8), bad(9)], smooth(["updated", "predicted", "none"]))
+    write_extrinsics_csv(path, table)
     assert path.read_text() == (
         f"{HEADER}\n"
         "7,0.700000,ok,,1.650000,0.800000,-0.400000,0.010000,0.020000,0.030000,"
@@ -54,15 +55,15 @@ def test_extrinsics_csv_to_the_letter(tmp_path: Path) -> None:
 
 def test_extrinsics_csv_without_a_filter_and_back(tmp_path: Path) -> None:
     path = tmp_path / "extrinsics.csv"
-    io.write_extrinsics_csv(path, [good(0), bad(1)], None)
-    table = io.read_extrinsics_csv(path)
-    assert list(table) == HEADER.split(",")
-    assert table["status"] == ("ok", "failed")
-    assert table["reason"] == ("", "DARK")
-    assert table["filter_state"] == ("none", "none")
-    assert table["pitch_deg"][0] == pytest.approx(0.8)
-    assert np.isnan(table["pitch_deg"][1])
-    assert np.isnan(table["height_filtered_m"]).all()
+    write_extrinsics_csv(path, FrameTable.of([good(0), bad(1)]))
+    table = read_extrinsics_csv(path)
+    assert path.read_text().splitlines()[0] == HEADER
+    assert table.ok.tolist() == [True, False]
+    assert table.reason == ("", "DARK")
+    assert table.filter_state == ("none", "none")
+    assert np.rad2deg(table.pitch_rad[0]) == pytest.approx(0.8)
+    assert np.isnan(table.pitch_rad[1])
+    assert np.isnan(table.height_filtered_m).all()
 
 
 @pytest.mark.parametrize(
@@ -77,7 +78,7 @@ def test_extrinsics_csv_without_a_filter_and_back(tmp_path: Path) -> None:
     ],
 )
 def test_cells(value: float | None, text: str) -> None:
-    assert io.format_cell(value) == text
+    assert format_cell(value) == text
 
 
 def test_a_damaged_table_is_one_clear_line(tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ def test_a_damaged_table_is_one_clear_line(tmp_path: Path) -> None:
     for text in ("", "a,b\n1,2\n", f"{HEADER}\n1,2\n", f"{HEADER}\n{'x,' * 18}x\n"):
         path.write_text(text)
         with pytest.raises(SourceError):
-            io.read_extrinsics_csv(path)
+            read_extrinsics_csv(path)
 
 
 def some_poses() -> np.ndarray:
@@ -186,12 +187,12 @@ def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_gaps_are_failed_frames_and_motion_without_a_measurement() -> None:
-    results = [bad(i) if i in (3, 4, 9) else good(i) for i in range(2, 12)]
+    table = FrameTable.of([bad(i) if i in (3, 4, 9) else good(i) for i in range(2, 12)])
     measured = np.ones(10, dtype=np.bool_)
-    assert gaps(results) == gaps(results, measured) == [[3, 4], [9, 9]]
+    assert table.gaps() == table.gaps(measured) == ((3, 4), (9, 9))
     # into 5 and 10 the motion comes from a failed frame; into 7 nothing was measured though both have a road
     measured[[1, 2, 3, 5, 7, 8]] = False
-    assert gaps(results, measured) == [[3, 4], [7, 7], [9, 9]]
+    assert table.gaps(measured) == ((3, 4), (7, 7), (9, 9))
     measured[9] = False
-    assert gaps(results, measured) == [[3, 4], [7, 7], [9, 11]]
-    assert gaps([]) == []
+    assert table.gaps(measured) == ((3, 4), (7, 7), (9, 11))
+    assert FrameTable.of([]).gaps() == ()

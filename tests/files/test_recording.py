@@ -21,7 +21,19 @@ from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.files.rrd import Recorder, _listening, horizon_line, road_grid
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, transform
-from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, RoadEstimate
+from stereocalib_core.results import (
+    Drive,
+    DrivePath,
+    FilteredExtrinsics,
+    FrameResult,
+    FrameTable,
+    LidarCheck,
+    LidarShift,
+    OdometryErrors,
+    Residual,
+    RoadEstimate,
+    Shift,
+)
 from stereocalib_core.run.drive import run_drive
 
 CAMERA = StereoCamera(640, 240, 400.0, 319.5, 119.5, 0.5)
@@ -46,16 +58,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     covariance = np.tile(np.diag([0.01**2, 1e-8, 1e-8]), (COUNT, 1, 1))
     states = tuple("none" if i == 0 else "updated" for i in range(COUNT))
     poses = np.array([transform(np.eye(3), [0, 0, 1.5 * i]) for i in range(COUNT)])
-    report = {
-        "gaps": [[8, 8]],
-        "shifts": [{"frame": 9, "axis": "pitch", "size": 0.3, "unit": "deg", "kind": "step"}],
-        "lidar_check": {
-            "shifts": [{"frame": 7, "axis": "roll", "size": 0.5, "unit": "deg", "kind": "step"}],
-        },
-    }
-    recorder.drive(
-        results, DriveAnalysis(report, FilteredExtrinsics(values, covariance, states), poses), poses
+    nothing = Residual(0.0, 0.0, 0.0, 0.0)
+    knocked = LidarShift(7, "roll", np.deg2rad(0.5), 0.001, "step", 9)
+    drive = Drive(
+        FrameTable.of(results, FilteredExtrinsics(values, covariance, states)),
+        paths={"autocalibrated": DrivePath(poses, np.zeros((COUNT, 6, 6)), OdometryErrors(10.5))},
+        gaps=((8, 8),),
+        shifts=(Shift(9, "pitch", np.deg2rad(0.3), 0.001, "step", 10),),
+        lidar=LidarCheck(nothing, nothing, nothing, (knocked,), COUNT, "yaw"),
     )
+    recorder.drive(drive, poses)
     recorder.close(keep=True)
     return path
 

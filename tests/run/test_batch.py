@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from drive_writer import odometry_drive
 from stereocalib_app.cli.main import main
@@ -18,6 +19,18 @@ from stereocalib_app.cli.main import main
 from stereocalib_core.benches.batch import different_files
 from stereocalib_core.config import PipelineConfig, to_dict
 from stereocalib_core.errors import ConfigError, OutputError, SourceError
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import (
+    Drive,
+    DrivePath,
+    FrameResult,
+    FrameTable,
+    Measured,
+    OdometryErrors,
+    Rig,
+    RoadEstimate,
+    Shift,
+)
 from stereocalib_core.run.batch import (
     SEAL,
     Scheduler,
@@ -26,7 +39,7 @@ from stereocalib_core.run.batch import (
     full_spec,
     run_batch,
     run_one,
-    sealed_report,
+    sealed_drive,
 )
 from stereocalib_core.run.batch_summary import DriveOutcome, row_of, write_summary
 from stereocalib_core.run.drive import CHECKPOINT
@@ -58,44 +71,47 @@ def test_every_drive_gets_a_name_of_its_own(tmp_path: Path) -> None:
 
 def test_a_drive_is_sealed_and_a_damaged_or_changed_one_is_not_trusted(tmp_path: Path) -> None:
     drive, folder, config = str(odometry_drive(tmp_path / "d")), tmp_path / "out", PipelineConfig()
-    assert "report" in run_one(drive, str(folder), to_dict(config), False)
+    assert run_one(drive, str(folder), to_dict(config), False) is None
     assert not (folder / ".lock").exists()
-    assert sealed_report(folder, drive, config) is not None
-    assert sealed_report(folder, drive, PipelineConfig(method="paper")) is None
+    assert sealed_drive(folder, drive, config) is not None
+    assert sealed_drive(folder, drive, PipelineConfig(method="paper")) is None
     before = (folder / "extrinsics.csv").read_text()
     (folder / "extrinsics.csv").write_text(before.replace("0", "1", 1))
-    assert sealed_report(folder, drive, config) is None
-    assert "report" in run_one(drive, str(folder), to_dict(config), False)
+    assert sealed_drive(folder, drive, config) is None
+    assert run_one(drive, str(folder), to_dict(config), False) is None
     assert (folder / "extrinsics.csv").read_text() == before
     (Path(drive) / "image_0" / "000002.png").write_bytes(b"")
-    assert sealed_report(folder, drive, config) is None
+    assert sealed_drive(folder, drive, config) is None
 
 
 def test_what_is_wrong_with_a_drive_is_a_value(tmp_path: Path) -> None:
     drive = odometry_drive(tmp_path / "d")
     (drive / "calib.txt").write_text("P0: nan\n")
-    assert (
-        "calib.txt" in run_one(str(drive), str(tmp_path / "out"), to_dict(PipelineConfig()), False)["error"]
-    )
+    wrong = run_one(str(drive), str(tmp_path / "out"), to_dict(PipelineConfig()), False)
+    assert wrong is not None and "calib.txt" in wrong
 
 
 def test_a_checkpoint_of_other_settings_is_started_afresh(tmp_path: Path) -> None:
     drive, folder = str(odometry_drive(tmp_path / "d")), tmp_path / "out"
     folder.mkdir()
     (folder / CHECKPOINT).write_bytes(b"of an older version")
-    assert "report" in run_one(drive, str(folder), to_dict(PipelineConfig()), False)
-    assert sealed_report(folder, drive, PipelineConfig()) is not None
+    assert run_one(drive, str(folder), to_dict(PipelineConfig()), False) is None
+    assert sealed_drive(folder, drive, PipelineConfig()) is not None
 
 
 def test_the_summary_lists_every_drive_and_escapes_what_it_quotes(tmp_path: Path) -> None:
-    report = {
-        "frames": 10, "frames_ok": 4, "trustworthy": False, "why_not": "only 4 of 10 frames are ok",
-        "mount": {"height_m": {"value": 1.65, "sigma": 0.01}, "yaw_deg": None},
-        "rectification": {"verdict": "good"}, "shifts": [1, 2],
-        "odometry": {"autocalibrated": {"path_m": 12.0, "final_translation_percent": None}},
-    }  # fmt: skip
+    road = RoadEstimate(Extrinsics(1.65, 0.0, 0.0), np.eye(3) * 1e-6, 9, 0.5, (5.0, 30.0))
+    results = [FrameResult(i, 0.1 * i, road if i < 4 else None) for i in range(10)]
+    unknown = np.full((10, 4, 4), np.nan)
+    shift = Shift(3, "height", 0.1, 0.01, "step", 5)
+    drive = Drive(
+        FrameTable.of(results),
+        mount=Rig(height_m=Measured(1.65, 0.01)),
+        paths={"autocalibrated": DrivePath(unknown, unknown, OdometryErrors(12.0))},
+        shifts=(shift, shift),
+    )
     outcomes = [
-        DriveOutcome("one", "/data/one", "done", report=report),
+        DriveOutcome("one", "/data/one", "done", drive=drive),
         DriveOutcome("two", "/data/two", "failed", "no drive: <img src=x> | here: leave"),
     ]
     write_summary(tmp_path, outcomes)
@@ -226,7 +242,7 @@ def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
             process.kill()
             process.wait()
     assert (summary.done, summary.total) == (2, 2)
-    assert run_one(drives[0], str(tmp_path / "alone"), to_dict(PipelineConfig()), False)["report"]
+    assert run_one(drives[0], str(tmp_path / "alone"), to_dict(PipelineConfig()), False) is None
     for name in ("a", "b"):
         csv_file = tmp_path / "out" / name / "extrinsics.csv"
         assert csv_file.read_bytes() == (tmp_path / "alone" / "extrinsics.csv").read_bytes()

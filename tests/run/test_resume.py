@@ -32,10 +32,10 @@ from stereocalib_core.results import (
     RoadEstimate,
     RoadResidual,
     ScanSample,
+    Tolerance,
     Tracks,
 )
 from stereocalib_core.run.drive import CHECKPOINT, Interrupted, run_drive
-from stereocalib_core.run.tolerance import Tolerance
 
 SMALL_PLANE = "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55"
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
@@ -288,7 +288,7 @@ def test_ctrl_c_while_the_results_are_written_loses_nothing(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("stereocalib_core.run.drive.io.write_rig", stopped)
+        patch.setattr("stereocalib_core.files.run_folder.io.write_rig", stopped)
         with pytest.raises(Interrupted, match="after 3 of 3 frames"):
             run_drive(source, out)
     assert (out / CHECKPOINT).is_file()
@@ -337,16 +337,16 @@ def test_a_drive_of_failures_resumes_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_drives_of_a_few_frames(tmp_path: Path, kitti_03: Path, count: int) -> None:
-    report = run_drive(str(kitti_03), tmp_path, (20, 20 + count))
-    assert report["frames"] == count
+    drive = run_drive(str(kitti_03), tmp_path, (20, 20 + count))
+    assert len(drive.frames) == count
     assert len((tmp_path / "trajectory.txt").read_text().splitlines()) == count
 
 
 def test_gaps_are_named_by_the_frames_of_the_drive(tmp_path: Path) -> None:
     drive = odometry_drive(tmp_path / "d", frames=8)
-    report = run_drive(str(drive), tmp_path / "out", (3, 7))
-    assert report["frames_ok"] == 0
-    assert [report["gaps"][0][0] >= 3, report["gaps"][-1][1]] == [True, 6]
+    result = run_drive(str(drive), tmp_path / "out", (3, 7))
+    assert result.frames_ok == 0
+    assert [result.gaps[0][0] >= 3, result.gaps[-1][1]] == [True, 6]
 
 
 def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ lines in the report of a drive."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,8 @@ THIRD = "width=408&height=124&focal_px=235.7&cx_px=200.5&cy_px=61.2"
 
 def report_of(spec: str, out: Path) -> tuple[dict[str, Any], dict[int, str]]:
     """report.json of a drive, and the reason of every frame that failed, as written."""
-    report = run_drive(spec, out)
+    run_drive(spec, out)
+    report = json.loads((out / "report.json").read_text())
     rows = [row.split(",") for row in (out / "extrinsics.csv").read_text().splitlines()[1:]]
     return report, {int(row[0]): row[3] for row in rows if row[2] == "failed"}
 

@@ -197,8 +197,8 @@ def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest
     def slow(done: int, *_: object) -> None:
         time.sleep(0.1)
 
-    report = run_drive(f"video:0?camera={tmp_path / 'camera.yaml'}", tmp_path / "out", progress=slow)
-    assert 3 < report["frames"] < 75
+    drive = run_drive(f"video:0?camera={tmp_path / 'camera.yaml'}", tmp_path / "out", progress=slow)
+    assert 3 < len(drive.frames) < 75
     rows = list(csv.DictReader((tmp_path / "out" / "extrinsics.csv").open()))
     times = np.array([float(row["timestamp_s"]) for row in rows])
     assert np.all(np.diff(times) > 0)

@@ -14,20 +14,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stereocalib_app.benches.chromium import FLAGS, find_browser
 from stereocalib_app.drive.serve import Opening, start
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.server.security import stop_server
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.run.tolerance import Tolerance
+from stereocalib_core.results import Tolerance
 
 SIZES = ((1600, 900), (1280, 720))
 DRIVE = "synthetic:town?frames=120&fault=night@40-46&fault=knock:pitch=0.5@80"
 LIMITS = {
     "height_m": Tolerance(1.65, 0.03),
-    "pitch_deg": Tolerance(0.8, 0.3),
-    "roll_deg": Tolerance(-0.4, 0.3),
-    "yaw_deg": Tolerance(-0.3, 0.2),
+    "pitch_rad": Tolerance(*np.deg2rad([0.8, 0.3])),
+    "roll_rad": Tolerance(*np.deg2rad([-0.4, 0.3])),
+    "yaw_rad": Tolerance(*np.deg2rad([-0.3, 0.2])),
 }
 SETTLE_S = 2.5
 

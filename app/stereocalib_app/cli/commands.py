@@ -12,11 +12,14 @@ import importlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from stereocalib_app.cli.arguments import EXPERIMENTS, SYNTH_KEYS
 from stereocalib_app.cli.progress import terminal_progress
 from stereocalib_core.errors import ConfigError, SourceError
+
+if TYPE_CHECKING:
+    from stereocalib_core.results import Drive
 
 
 def demo(arguments: argparse.Namespace) -> str | None:
@@ -46,7 +49,7 @@ def _compile(spec: str | None) -> None:
 
 
 def _serve(spec: str, arguments: argparse.Namespace) -> None:
-    from stereocalib_core.run.tolerance import read_tolerances
+    from stereocalib_core.files.tolerance import read_tolerances
 
     limits = read_tolerances(arguments.tolerance) if arguments.tolerance else {}
     settings = importlib.import_module("stereocalib_app.drive.page_words").from_words(arguments.set)
@@ -67,8 +70,8 @@ def run(arguments: argparse.Namespace) -> str | None:
     """One drive from end to end."""
     from stereocalib_core import config as settings
     from stereocalib_core.files.io import read_rig
+    from stereocalib_core.files.tolerance import read_tolerances
     from stereocalib_core.run.drive import run_drive
-    from stereocalib_core.run.tolerance import read_tolerances
 
     config = settings.load(arguments.config) if arguments.config else settings.PipelineConfig()
     if arguments.method:
@@ -78,7 +81,7 @@ def run(arguments: argparse.Namespace) -> str | None:
     source = _with_calibration(arguments.source, arguments)
     _compile(source)
     with terminal_progress() as progress:
-        report = run_drive(
+        drive = run_drive(
             source,
             arguments.out,
             arguments.frames,
@@ -91,31 +94,33 @@ def run(arguments: argparse.Namespace) -> str | None:
             resume=arguments.resume,
             progress=progress,
         )
-    _print_run(report, arguments.out)
-    return report["why_not"]  # type: ignore[no-any-return]
+    _print_run(drive, arguments.out)
+    return drive.why_not
 
 
-def _print_run(report: dict[str, Any], out: Path) -> None:
-    speed = report["frames_per_second"]
-    print(f"{report['frames_ok']} of {report['frames']} frames ok, {speed:.1f} a second, {out}/report.json")
-    for key, label, unit in (
-        ("height_m", "height", "m"),
-        ("pitch_deg", "pitch", "deg"),
-        ("roll_deg", "roll", "deg"),
+def _print_run(drive: Drive, out: Path) -> None:
+    from stereocalib_core.results import BEST, TO_DEGREES
+
+    speed = drive.timing.frames_per_second or float("nan")
+    print(f"{drive.frames_ok} of {len(drive.frames)} frames ok, {speed:.1f} a second, {out}/report.json")
+    spreads = drive.frames.statistics(TO_DEGREES).values()
+    for (label, unit), spread in zip(
+        (("height", "m"), ("pitch", "deg"), ("roll", "deg")), spreads, strict=True
     ):
-        block = report[key]
-        if block["median"] is not None:
-            print(f"  {label:<7} {block['median']:8.4f} {unit:<3}  std {block['std']:.4f}")
-    if report["yaw_deg"] is not None:
-        print(f"  yaw     {report['yaw_deg']:8.4f} deg  sigma {report['yaw_sigma_deg'] or float('nan'):.4f}")
-    best = report["odometry"].get("autocalibrated")
-    if best and best.get("path_m") is not None:
-        line = f"  path    {best['path_m']:8.2f} m"
-        if best.get("final_translation_m") is not None:
-            line += f"    final error {best['final_translation_m']:.2f} m"
-            line += f", {best['final_translation_percent']:.2f} %"
+        if spread.median is not None:
+            print(f"  {label:<7} {spread.median:8.4f} {unit:<3}  std {spread.std:.4f}")
+    yaw = drive.mount.yaw_rad
+    if yaw is not None:
+        value, sigma = TO_DEGREES[1] * yaw.value, TO_DEGREES[1] * yaw.sigma
+        print(f"  yaw     {value:8.4f} deg  sigma {sigma or float('nan'):.4f}")
+    if BEST in drive.paths:
+        errors = drive.paths[BEST].errors
+        line = f"  path    {errors.path_m:8.2f} m"
+        if errors.final_translation_m is not None:
+            line += f"    final error {errors.final_translation_m:.2f} m"
+            line += f", {errors.final_translation_percent:.2f} %"
         print(line)
-    for text in report["notices"]:
+    for text in drive.notices:
         print(f"  note: {text}")
 
 
@@ -123,10 +128,16 @@ def compare(arguments: argparse.Namespace) -> str | None:
     """Two runs side by side."""
     import json
 
-    from stereocalib_core.run.compare import compare_runs, describe
+    from stereocalib_core.files.difference import difference_of
+    from stereocalib_core.files.run_folder import load_run
+    from stereocalib_core.run import compare as comparing
 
-    difference = compare_runs(arguments.run_a, arguments.run_b)
-    print(json.dumps(difference, indent=2) if arguments.json else describe(difference))
+    names = str(arguments.run_a), str(arguments.run_b)
+    difference = comparing.compare(load_run(arguments.run_a), load_run(arguments.run_b))
+    if arguments.json:
+        print(json.dumps(difference_of(difference, *names), indent=2))
+    else:
+        print(comparing.describe(difference, *names))
     return None
 
 

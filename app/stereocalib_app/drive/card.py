@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.card import CardRow, card
+from stereocalib_core.results import Drive, LidarShift, Shift
 
 MOUNT = (
     ("height", "height_m", " m"),
-    ("pitch", "pitch_deg", "°"),
-    ("roll", "roll_deg", "°"),
-    ("yaw", "yaw_deg", "°"),
+    ("pitch", "pitch_rad", "°"),
+    ("roll", "roll_rad", "°"),
+    ("yaw", "yaw_rad", "°"),
 )
 DIGITS = 3
 SHIFTS_SHOWN = 6
@@ -28,44 +27,44 @@ def plain_units(line: str) -> str:
     return line.replace(" deg", "°").replace("-0.", "−0.")
 
 
-def shift_words(shift: Mapping[str, Any]) -> str:
+def shift_words(shift: Shift | LidarShift) -> str:
     """A shift of the mount in words."""
-    size = text.number(shift["size"], 3, "°" if shift["unit"] == "deg" else f" {shift['unit']}")
-    sign = "" if shift["size"] < 0 else "+"
-    return f"{shift['kind']} of {shift['axis']} {sign}{size} at frame {shift['frame']}"
+    value, unit = (shift.size, " m") if shift.axis == "height" else (float(np.rad2deg(shift.size)), "°")
+    sign = "" if shift.size < 0 else "+"
+    return f"{shift.kind} of {shift.axis} {sign}{text.number(value, 3, unit)} at frame {shift.frame}"
 
 
-def limit_words(limit: Mapping[str, Any] | None, unit: str) -> tuple[str, bool]:
+def limit_words(drive: Drive, axis: str, factor: float, unit: str) -> tuple[str, bool]:
     """The verdict on one axis, and whether it is bad."""
-    if not limit:
+    limit, within = drive.limits.get(axis), drive.within(axis)
+    if limit is None:
         return "", False
-    allowed = f"{limit['nominal']:g} ± {limit['tolerance']:g}{unit}".replace("-", "−")
-    if limit["within"] is None:
+    allowed = f"{factor * limit.nominal:g} ± {factor * limit.tolerance:g}{unit}".replace("-", "−")
+    if within is None:
         return f"not measured, allowed {allowed}", True
-    return (f"✓ within {allowed}", False) if limit["within"] else (f"✗ OUTSIDE {allowed}", True)
+    return (f"✓ within {allowed}", False) if within else (f"✗ OUTSIDE {allowed}", True)
 
 
-def mount_rows(report: Mapping[str, Any]) -> list[CardRow]:
-    """The lines of the card of an analysed drive, from report.json."""
-    mount = report.get("mount") or {}
-    limits = mount.get("tolerance") or {}
+def mount_rows(drive: Drive) -> list[CardRow]:
+    """The lines of the card of an analysed drive."""
     rows = []
-    for name, key, unit in MOUNT:
-        block = mount.get(key)
-        value = "–" if not block else text.with_sigma(block.get("value"), block.get("sigma"), DIGITS, unit)
-        if name == "yaw" and value == "–" and report.get("yaw_reason"):
-            value = f"not known: {report['yaw_reason']}"
-        rows.append(CardRow(name, value, *limit_words(limits.get(key), unit)))
-    within = mount.get("within_tolerance")
-    if limits or within is not None:
+    for name, axis, unit in MOUNT:
+        found = getattr(drive.mount, axis)
+        factor = float(np.rad2deg(1.0)) if axis.endswith("_rad") else 1.0
+        value = "–"
+        if found is not None:
+            value = text.with_sigma(factor * found.value, factor * found.sigma, DIGITS, unit)
+        elif name == "yaw" and drive.yaw_reason:
+            value = f"not known: {drive.yaw_reason}"
+        rows.append(CardRow(name, value, *limit_words(drive, axis, factor, unit)))
+    if drive.limits:
+        within = drive.within_tolerance
         words = "✓ mount within tolerance" if within else "✗ mount OUTSIDE tolerance"
         if within is None:
             words = "not every axis measured"
         rows.append(CardRow("tolerance", words, bad=not within))
-    verdict = (report.get("rectification") or {}).get("verdict")
-    if verdict is not None:
-        rows.append(CardRow("stereo pair", str(verdict), bad=verdict != "good"))
-    shifts = [shift_words(s) for s in report.get("shifts") or []]
+    rows.append(CardRow("stereo pair", drive.pair.verdict, bad=drive.pair.verdict != "good"))
+    shifts = [shift_words(shift) for shift in drive.shifts]
     more = f"; and {len(shifts) - SHIFTS_SHOWN} more" if len(shifts) > SHIFTS_SHOWN else ""
     rows.append(CardRow("shifts", "; ".join(shifts[:SHIFTS_SHOWN]) + more or "none", bad=bool(shifts)))
     return rows
@@ -88,15 +87,15 @@ def median_rows(snapshot: Snapshot) -> list[CardRow]:
 
 def card_rows(snapshot: Snapshot) -> tuple[str, list[CardRow]]:
     """Title and lines of the card."""
-    if (snapshot.report.get("mount") or {}).get("height_m"):
+    if snapshot.drive is not None and snapshot.drive.mount.height_m is not None:
         state = "" if snapshot.done else ", so far"
-        return f"How this camera is mounted{state}", mount_rows(snapshot.report)
+        return f"How this camera is mounted{state}", mount_rows(snapshot.drive)
     return "How this camera is mounted, median so far", median_rows(snapshot)
 
 
 def pair_words(snapshot: Snapshot) -> str:
     """What the rows of left and right say of the pair, or nothing."""
-    return plain_units(str((snapshot.report.get("rectification") or {}).get("why") or ""))
+    return "" if snapshot.drive is None else plain_units(snapshot.drive.pair.why)
 
 
 def card_text(name: str, snapshot: Snapshot) -> str:

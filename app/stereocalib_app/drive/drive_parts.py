@@ -7,9 +7,8 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from stereocalib_core.frames import FrameSource, Recording, StereoFrame
-from stereocalib_core.results import DriveAnalysis
+from stereocalib_core.results import Drive, Tolerance
 from stereocalib_core.run.drive import cut_truth
-from stereocalib_core.run.tolerance import Tolerance, judged
 
 Limits = Mapping[str, Tolerance]
 NO_LIMITS: Limits = MappingProxyType({})
@@ -35,9 +34,6 @@ def part_of(source: FrameSource, start: int, stop: int) -> FrameSource:
     )
 
 
-def judged_analysis(analysis: DriveAnalysis, limits: Limits) -> DriveAnalysis:
-    """The analysis with its mount held against the limits, where there are any."""
-    mount = analysis.report.get("mount")
-    if not limits or not mount:
-        return analysis
-    return replace(analysis, report={**analysis.report, "mount": judged(mount, limits)})
+def judged(drive: Drive, limits: Limits) -> Drive:
+    """The drive with its mount held against the limits, where there are any."""
+    return replace(drive, limits=limits) if limits else drive

@@ -8,33 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged_analysis, part_of
+from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
 from stereocalib_app.drive.session import Session
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.config import load as load_config
-from stereocalib_core.errors import ConfigError, Failure, FailureReason, SourceError, StereoCalibError
+from stereocalib_core.errors import Failure, FailureReason, StereoCalibError
 from stereocalib_core.files.frames_bin import Done, read_frames
-from stereocalib_core.files.io import SavedRun, read_run
+from stereocalib_core.files.run_folder import CONFIG, load_run
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
 from stereocalib_core.front.pipeline import FrontEndMemory
-from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.results import DriveAnalysis, FilteredExtrinsics, FrameResult, RoadEstimate
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import Drive
 from stereocalib_core.run.drive import FRAMES
 from stereocalib_core.sources import open_source
 
 
 def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     """An earlier run: its results as they were written, its pictures where the source is still there."""
-    run = read_run(folder)
-    check(run)
-    first = int(np.asarray(run.extrinsics["frame"])[0])
-    header, finished, lost = whole_frames(run)
-    config, other_settings = saved_config(folder)
+    drive = load_run(folder)
+    first = int(drive.frames.frame[0])
+    header, finished, lost = whole_frames(folder, drive)
+    config, other_settings = saved_config(folder, drive)
     finished = [from_frame(done, first) for done in finished]
-    spec = str(run.report.get("source", ""))
     span = None
     try:
-        whole = open_source(spec)
+        whole = open_source(drive.source)
         stop = min(first + len(finished), len(whole))
         source, finished = part_of(whole, first, stop), finished[: stop - first]
         span = None if (first, stop) == (0, len(whole)) else (first, stop)
@@ -43,13 +40,13 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         camera = StereoCamera(**header["camera"]) if header else UNKNOWN_CAMERA
         source = without_pictures(folder, camera, times, str(error))
         lost += ("the pictures are not where they were: only the numbers are shown",)
-    analysis = judged_analysis(DriveAnalysis(run.report, saved_filter(run), run.poses, run.rig), limits)
+    shown = judged(drive, limits)
     return Session(
         source,
         config,
-        spec=spec,
+        spec=drive.source,
         finished=finished,
-        analyse=lambda _results: analysis,
+        analyse=lambda _results: shown,
         frames=span,
         run_folder=folder,
         tracks=bool(header),
@@ -57,54 +54,28 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     )
 
 
-AXES = ("height_m", "pitch_deg", "roll_deg", "yaw_deg")
-SHIFT = {"kind": str, "axis": str, "unit": str, "size": int | float, "frame": int}
-
-
-def check(run: SavedRun) -> None:
-    """Raise SourceError where a run was written by a version that this page cannot read, or by hand."""
-    if len(run.extrinsics["frame"]) == 0:
-        raise SourceError("run without frames", run.folder, "run the drive again")
-    mount, shifts = run.report.get("mount") or {}, run.report.get("shifts") or []
-    sound = isinstance(mount, dict) and isinstance(shifts, list)
-    sound = sound and all(isinstance(mount.get(axis) or {}, dict) for axis in AXES)
-    sound = sound and all(isinstance(run.report.get(key) or {}, dict) for key in (*AXES[:3], "rectification"))
-    sound = sound and isinstance(run.report.get("failures") or {}, dict)
-    for shift in shifts if sound else ():
-        sound = sound and isinstance(shift, dict)
-        sound = sound and all(isinstance(shift.get(key), kind) for key, kind in SHIFT.items())
-    if not sound:
-        raise SourceError("report.json of another version", run.folder, "run the drive again")
-
-
-def whole_frames(run: SavedRun) -> tuple[dict[str, Any], list[Done], tuple[str, ...]]:
+def whole_frames(folder: Path, drive: Drive) -> tuple[dict[str, Any], list[Done], tuple[str, ...]]:
     """The header and the frames of frames.bin, where it is there and whole; else no header, the frames of
     extrinsics.csv, and what is lost by that."""
-    path = run.folder / FRAMES
+    path = folder / FRAMES
+    numbers = [Done(result, FrontEndMemory(None, None), 0.0) for result in drive.frames.results()]
     if not path.is_file():
-        return {}, csv_results(run), ()
+        return {}, numbers, ()
     try:
         header, finished = read_frames(path)
     except StereoCalibError:
         header, finished = {}, []
-    if len(finished) == len(run.extrinsics["frame"]):
+    if len(finished) == len(drive.frames):
         return header, finished, ()
-    return (
-        {},
-        csv_results(run),
-        (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",),
-    )
+    return {}, numbers, (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
 
 
-def saved_config(folder: Path) -> tuple[PipelineConfig, tuple[str, ...]]:
+def saved_config(folder: Path, drive: Drive) -> tuple[PipelineConfig, tuple[str, ...]]:
     """The settings of a run, or today's where they are gone or of another version, and a word about that."""
-    settings = folder / "config.json"
-    try:
-        return load_config(settings) if settings.is_file() else PipelineConfig(), ()
-    except ConfigError:
-        return PipelineConfig(), (
-            "config.json is of another version: the stages are shown with today's settings",
-        )
+    if drive.config is not None:
+        return drive.config, ()
+    other = ("config.json is of another version: the stages are shown with today's settings",)
+    return PipelineConfig(), other if (folder / CONFIG).is_file() else ()
 
 
 def from_frame(done: Done, first: int) -> Done:
@@ -132,43 +103,3 @@ def without_pictures(folder: Path, camera: StereoCamera, times: np.ndarray, why:
         return StereoFrame(index, float(times[index]), None, None, failure)
 
     return Recording(folder.name, camera, times, load, GroundTruth(), (f"pictures not found: {why}",))
-
-
-def csv_results(run: SavedRun) -> list[Done]:
-    """extrinsics.csv back as results, without tracks and checks."""
-    columns = run.extrinsics
-    results = []
-    for i, status in enumerate(columns["status"]):
-        numbers = [float(columns[name][i]) for name in ("height_m", "pitch_deg", "roll_deg")]
-        names = ("height_sigma_m", "pitch_sigma_deg", "roll_sigma_deg")
-        sigma = np.array([float(columns[name][i]) for name in names])
-        sigma[1:] = np.deg2rad(sigma[1:])
-        free = float(columns["free_fraction"][i])
-        inliers = columns["inliers"][i]
-        count = int(inliers) if np.isfinite(inliers) else 0
-        road = failure = None
-        if status == "ok":
-            road = RoadEstimate(
-                Extrinsics.from_degrees(*numbers),
-                np.diag(sigma**2),
-                count,
-                free,
-                (float("nan"), float("nan")),
-            )
-        else:
-            failure = Failure(FailureReason(columns["reason"][i]), "as written by the run")
-        result = FrameResult(
-            int(columns["frame"][i]), float(columns["timestamp_s"][i]), road, failure, free, count
-        )
-        results.append(Done(result, FrontEndMemory(None, None), 0.0))
-    return results
-
-
-def saved_filter(run: SavedRun) -> FilteredExtrinsics:
-    """The filtered columns of extrinsics.csv."""
-    c = run.extrinsics
-    angles = [np.deg2rad(c[f"{axis}_filtered_deg"]) for axis in ("pitch", "roll")]
-    values = np.stack([c["height_filtered_m"], *angles], axis=1)
-    spread = [np.deg2rad(c[f"{axis}_filtered_sigma_deg"]) for axis in ("pitch", "roll")]
-    sigma = np.stack([c["height_filtered_sigma_m"], *spread], axis=1)
-    return FilteredExtrinsics(values, np.einsum("ni,ij->nij", sigma**2, np.eye(3)), tuple(c["filter_state"]))

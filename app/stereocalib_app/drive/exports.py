@@ -16,10 +16,15 @@ from numpy.typing import NDArray
 from stereocalib_app.drive.page_words import to_words
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Corrections, Settings
+from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.config import PipelineConfig, to_dict
 from stereocalib_core.errors import OutputError
 from stereocalib_core.files import io
-from stereocalib_core.run.compare import compare_runs
+from stereocalib_core.files.extrinsics import write_extrinsics_csv
+from stereocalib_core.files.report import report_of
+from stereocalib_core.results import BEST, Drive, DrivePath
+from stereocalib_core.results.difference import Difference
+from stereocalib_core.run.compare import compare
 
 
 def _written(name: str, write: Callable[[Path], Any]) -> bytes:
@@ -30,59 +35,60 @@ def _written(name: str, write: Callable[[Path], Any]) -> bytes:
         return path.read_bytes()
 
 
-def shown_poses(snapshot: Snapshot, corrections: Corrections) -> NDArray[np.float64]:
-    """(N, 4, 4) of the path on show: the live one where corrections are touched."""
-    if corrections.touched and snapshot.paths is not None:
-        return snapshot.paths.live(corrections).poses
-    if snapshot.analysis is not None and snapshot.analysis.poses is not None:
-        return snapshot.analysis.poses
-    if snapshot.paths is not None:
-        return snapshot.paths.live(corrections).poses
-    raise OutputError("no trajectory yet", "export", "wait until some frames are computed")
+def shown_drive(session: Session, snapshot: Snapshot, corrections: Corrections) -> Drive:
+    """What is known of the drive, with the path on show (the live one where corrections are touched) and the
+    frame numbers of the whole recording."""
+    drive = snapshot.drive
+    if drive is None:
+        raise OutputError("no results yet", "export", "wait until some frames are computed")
+    poses = drive.poses
+    if snapshot.paths is not None and (corrections.touched or poses is None):
+        poses = snapshot.paths.live(corrections).poses
+    paths = dict(drive.paths)
+    if poses is not None:
+        blank = DrivePath(poses, np.full((len(poses), 6, 6), np.nan), evaluate(poses, None))
+        paths[BEST] = replace(paths.get(BEST, blank), poses=poses)
+    first = 0 if session.frames is None or session.run_folder is not None else session.frames[0]
+    return replace(drive, frames=replace(drive.frames, frame=drive.frames.frame + first), paths=paths)
+
+
+def shown_poses(session: Session, snapshot: Snapshot, corrections: Corrections) -> NDArray[np.float64]:
+    """(N, 4, 4) of the path on show."""
+    poses = shown_drive(session, snapshot, corrections).poses
+    if poses is None:
+        raise OutputError("no trajectory yet", "export", "wait until some frames are computed")
+    return poses
 
 
 def tum(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """The path in TUM format."""
-    poses = shown_poses(snapshot, settings.corrections)
+    poses = shown_poses(session, snapshot, settings.corrections)
     times = np.asarray(session.source.timestamps_s[: len(poses)])
     return _written("trajectory.tum", lambda path: io.write_tum(path, times, poses))
 
 
 def kitti(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """The path in KITTI format."""
-    poses = shown_poses(snapshot, settings.corrections)
+    poses = shown_poses(session, snapshot, settings.corrections)
     return _written("trajectory.txt", lambda path: io.write_kitti(path, poses))
 
 
 def csv(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
-    """extrinsics.csv, with the frame numbers of the whole recording."""
-    filtered = None if snapshot.analysis is None else snapshot.analysis.filtered
-    results = snapshot.results[: snapshot.analysed] if filtered is not None else snapshot.results
-    first = 0 if session.frames is None else session.frames[0]
-    rows = [replace(r, frame=r.frame + first) for r in results] if first else results
-    return _written("extrinsics.csv", lambda path: io.write_extrinsics_csv(path, rows, filtered))
+    """extrinsics.csv of the frames analysed so far."""
+    table = shown_drive(session, snapshot, settings.corrections).frames
+    return _written("extrinsics.csv", lambda path: write_extrinsics_csv(path, table))
 
 
 def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """report.json of the frames analysed so far, and the settings of the page."""
-    if not snapshot.report:
-        raise OutputError("no report yet", "export", "wait until some frames are computed")
-    content = {**snapshot.report, "page": {"corrections": vars(settings.corrections)}}
+    drive = shown_drive(session, snapshot, settings.corrections)
+    content = {**report_of(drive), "page": {"corrections": vars(settings.corrections)}}
     return (json.dumps(io.plain(content), indent=2) + "\n").encode()
 
 
-def write_run_folder(session: Session, snapshot: Snapshot, settings: Settings, folder: Path) -> None:
-    """The files of a run, as far as the page has them."""
-    (folder / "report.json").write_bytes(report(session, snapshot, settings))
-    (folder / "extrinsics.csv").write_bytes(csv(session, snapshot, settings))
-    (folder / "trajectory.txt").write_bytes(kitti(session, snapshot, settings))
-
-
-def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Path) -> dict[str, Any]:
-    """What differs between the drive on show (A) and an earlier run (B), as `compare_runs` has it."""
-    with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
-        write_run_folder(session, snapshot, settings, Path(folder))
-        return compare_runs(Path(folder), other)
+def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Drive) -> Difference:
+    """What differs between the drive on show (A) and an earlier run (B)."""
+    return compare(shown_drive(session, snapshot, settings.corrections), other)
 
 
 def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
@@ -95,10 +101,9 @@ def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes
         try:
             for result in snapshot.results:
                 recorder.frame(session.source[result.frame], result)
-            if snapshot.analysis is not None:
+            if snapshot.drive is not None:
                 truth = session.source.ground_truth
-                poses = None if truth is None else truth.poses
-                recorder.drive(snapshot.results[: snapshot.analysed], snapshot.analysis, poses)
+                recorder.drive(snapshot.drive, None if truth is None else truth.poses)
             done = True
         finally:
             recorder.close(keep=done)

@@ -33,9 +33,9 @@ def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card:
     for axis, name in enumerate(AXES):
         ax = figure.add_subplot(grid[axis, :2])
         ax.plot(frames, raw[:, axis], ".", ms=3, color=_rgb(palette.RAW), label="this pair")
-        if snapshot.analysis is not None and snapshot.analysis.filtered is not None:
-            values = axis_values(snapshot.analysis.filtered.values)[:, axis]
-            sigma = axis_values(snapshot.analysis.filtered.sigma)[:, axis]
+        if snapshot.drive is not None:
+            values = axis_values(snapshot.drive.frames.filtered)[:, axis]
+            sigma = axis_values(snapshot.drive.frames.filtered_sigma)[:, axis]
             x = np.arange(len(values))
             ax.fill_between(x, values - sigma, values + sigma, color=_rgb(palette.FILTERED), alpha=0.25, lw=0)
             ax.plot(x, values, "-", lw=1.4, color=_rgb(palette.FILTERED), label="filtered ± σ")

@@ -11,9 +11,8 @@ from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Settings
 from stereocalib_app.server.clock import ClockState
-from stereocalib_core.files.io import SavedRun
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import Drive, FrameResult
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Moment:
     settings: Settings
     view: FrameView | None
     paths: PathState
-    compared: SavedRun | None
+    compared: Drive | None
     frame_changed: bool
     drive_changed: bool
     settings_changed: bool
@@ -63,11 +62,10 @@ class Moment:
 
 def filtered_at(snapshot: Snapshot, frame: int) -> tuple[Extrinsics, np.ndarray, str] | None:
     """Filtered extrinsics, sigma (3,) and state of a frame, None where there are none."""
-    analysis = snapshot.analysis
-    filtered = None if analysis is None else analysis.filtered
-    if filtered is None or frame >= len(filtered.state) or filtered.state[frame] == "none":
+    table = None if snapshot.drive is None else snapshot.drive.frames
+    if table is None or frame >= len(table) or table.filter_state[frame] == "none":
         return None
-    values = filtered.values[frame]
+    values = table.filtered[frame]
     if not np.isfinite(values).all():
         return None
-    return Extrinsics(*(float(v) for v in values)), filtered.sigma[frame], filtered.state[frame]
+    return Extrinsics(*(float(v) for v in values)), table.filtered_sigma[frame], table.filter_state[frame]

@@ -24,8 +24,8 @@ from stereocalib_app.server.clock import ClockState, Playback
 from stereocalib_app.server.library import Library
 from stereocalib_app.widgets.page_base import PageBase
 from stereocalib_app.words.lessons import LESSONS
-from stereocalib_core.files.io import SavedRun
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import Drive
 
 TICKS_AHEAD = 4
 CHOICES = 8
@@ -83,7 +83,7 @@ class Page(PageBase):
             partial(keeper.reopen, self),
             partial(keeper.compare, self),
         )
-        self.compared: SavedRun | None = None
+        self.compared: Drive | None = None
         self._roots: list[Any] = []
         self._last: tuple[int, int, Settings, ClockState, int] | None = None
         self._revision = 0
@@ -187,7 +187,7 @@ class Page(PageBase):
         for client in self._keeper.viewers(self):
             client.add_notification(title, words, auto_close_seconds=5.0)
 
-    def set_compared(self, run: SavedRun | None) -> None:
+    def set_compared(self, run: Drive | None) -> None:
         """Lay another run beside this one."""
         self.compared = run
         self.refresh()
@@ -221,7 +221,7 @@ class Page(PageBase):
         if self.session.tracks:
             paths = self._book.state(snapshot.paths, settings.corrections)
         else:
-            paths = self._book.saved(None if snapshot.analysis is None else snapshot.analysis.poses)
+            paths = self._book.saved(None if snapshot.drive is None else snapshot.drive.poses)
         moment = Moment(
             session=self.session,
             snapshot=snapshot,

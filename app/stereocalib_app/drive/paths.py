@@ -19,10 +19,9 @@ from stereocalib_core.back.odometry.trajectory import (
     fill_missing,
     trajectory,
 )
-from stereocalib_core.files.report import estimates
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.results import Drive, FrameResult, Rig, estimates
 
 
 def core_settings(corrections: Corrections, lever_arm_m: float | None) -> TrajectorySettings:
@@ -48,17 +47,14 @@ def core_settings(corrections: Corrections, lever_arm_m: float | None) -> Trajec
 class DrivePaths:
     """Tracks and extrinsics of the frames computed so far, ready for any correction. Safe from any thread."""
 
-    def __init__(
-        self, camera: StereoCamera, results: Sequence[FrameResult], analysis: DriveAnalysis | None
-    ) -> None:
-        rig = None if analysis is None else analysis.rig
-        yaw = 0.0 if rig is None or rig.yaw_rad is None else rig.yaw_rad.value
-        self.lever_arm_m = None if rig is None or rig.lever_arm_m is None else rig.lever_arm_m.value
+    def __init__(self, camera: StereoCamera, results: Sequence[FrameResult], drive: Drive | None) -> None:
+        rig = Rig() if drive is None else drive.mount
+        yaw = 0.0 if rig.yaw_rad is None else rig.yaw_rad.value
+        self.lever_arm_m = None if rig.lever_arm_m is None else rig.lever_arm_m.value
         raw = estimates(results)
         column = np.full((len(raw), 1), yaw)
         self._raw = np.hstack([raw, column])
-        filtered = None if analysis is None else analysis.filtered
-        self._filtered = self._raw if filtered is None else np.hstack([filtered.values, column])
+        self._filtered = self._raw if drive is None else np.hstack([drive.frames.filtered, column])
         self._tracks = pack(camera, results)
         self._lock = threading.Lock()
         self._variant = lru_cache(maxsize=24)(self._compute_variant)

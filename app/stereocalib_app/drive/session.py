@@ -5,10 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,9 @@ from stereocalib_app.words.lessons import broken_config
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.frames_bin import Done
-from stereocalib_core.files.report import build_report
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.front.pipeline import FrontEnd
-from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.results import Drive, FrameResult, Timing
 from stereocalib_core.run.drive import recall
 from stereocalib_core.sources import prefetch
 
@@ -35,23 +33,22 @@ LONGEST_WAIT_S = 8.0
 FIRST_FRAMES = 8
 """Fewer frames are not worth an analysis."""
 
-Analyse = Callable[[Sequence[FrameResult]], DriveAnalysis | None]
+Analyse = Callable[[Sequence[FrameResult]], Drive | None]
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """What is known of a drive at some moment; `version` grows with every change.
 
-    results: of frames 0, 1, ... as far as computed. analysis, paths: of the first `analysed` of them, or None.
-    report: what report.json would say of those. problem: why the computation stopped early, or empty.
+    results: of frames 0, 1, ... as far as computed. drive, paths: what the first `analysed` of them say, or None.
+    problem: why the computation stopped early, or empty.
     """
 
     total: int
     results: tuple[FrameResult, ...] = ()
-    analysis: DriveAnalysis | None = None
+    drive: Drive | None = None
     paths: DrivePaths | None = None
     analysed: int = 0
-    report: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     done: bool = False
     problem: str = ""
     frames_per_second: float = 0.0
@@ -177,20 +174,19 @@ class Session:
                 # Whatever it was is on the terminal; the page must not wait for ever.
                 self._publish(problem="the computation stopped unexpectedly: see the terminal", done=True)
 
-    def _report(self, results: Sequence[FrameResult], analysis: DriveAnalysis | None) -> Mapping[str, Any]:
-        if self.run_folder is not None and analysis is not None:
-            return analysis.report
+    def _told(self, drive: Drive | None, results: Sequence[FrameResult]) -> Drive:
+        """The drive with what only this session knows."""
+        if self.run_folder is not None and drive is not None:
+            return drive
         rate = self._snapshot.frames_per_second
-        elapsed_s = len(results) / rate if rate > 0 else 0.0
-        return build_report(self.spec, self.config.method, results, analysis, elapsed_s)
+        timing = Timing.of(results, len(results) / rate if rate > 0 else 0.0)
+        return replace(drive or Drive.of_frames(results, self.config), source=self.spec, timing=timing)
 
     def _update_analysis(self, results: Sequence[FrameResult]) -> float:
         """Recompute what needs the whole drive; returns the seconds spent."""
         begin = time.monotonic()
         if results:
-            analysis = None if self._analyse is None else self._analyse(tuple(results))
-            paths = DrivePaths(self.source.camera, results, analysis) if self.tracks else None
-            self._publish(
-                analysis=analysis, paths=paths, analysed=len(results), report=self._report(results, analysis)
-            )
+            drive = None if self._analyse is None else self._analyse(tuple(results))
+            paths = DrivePaths(self.source.camera, results, drive) if self.tracks else None
+            self._publish(drive=self._told(drive, results), paths=paths, analysed=len(results))
         return time.monotonic() - begin

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+
+import numpy as np
 
 from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import palette, text
 from stereocalib_app.widgets.tables import color_key, note, numbers_table
+from stereocalib_core.results import TO_DEGREES
+from stereocalib_core.results.difference import Difference
 
-AXES = (("height", "height_m", " m"), ("pitch", "pitch_deg", "°"), ("roll", "roll_deg", "°"))
-YAW = ("yaw", "yaw_deg", "°")
+AXES = (("height", "height_m", " m"), ("pitch", "pitch_rad", "°"), ("roll", "roll_rad", "°"))
+YAW = ("yaw", "yaw_rad", "°")
 DIGITS = 3
 
 
 def drive_summary(snapshot: Snapshot, paths: PathState) -> str:
     """Medians and spreads over the drive, failures by reason, and how far the path ends from the truth."""
-    report = snapshot.report
-    if not report:
+    if snapshot.drive is None:
         return note(" · ".join(_facts(snapshot, paths)))
     rows = []
-    for name, key, unit in AXES:
-        block: Mapping[str, Any] = report.get(key) or {}
-        values = [text.number(block.get(part), DIGITS) for part in ("median", "std", "std_filtered")]
+    for (name, _, unit), spread in zip(
+        AXES, snapshot.drive.frames.statistics(TO_DEGREES).values(), strict=True
+    ):
+        values = [text.number(value, DIGITS) for value in (spread.median, spread.std, spread.std_filtered)]
         rows.append([f"{name}, {unit.strip()}", *values])
     table = numbers_table("The drive so far" if not snapshot.done else "The drive", HEADER, rows)
     return table + note(" · ".join(_facts(snapshot, paths)))
@@ -33,7 +36,7 @@ HEADER = ("", "median", "spread, pair", "spread, filtered")
 
 
 def _facts(snapshot: Snapshot, paths: PathState) -> list[str]:
-    failed = snapshot.report.get("failures") or {}
+    failed = {} if snapshot.drive is None else snapshot.drive.frames.failures
     count = sum(failed.values())
     facts = [f"{len(snapshot.results) - len(snapshot.failures())} of {snapshot.total} frames ok"]
     if count:
@@ -89,46 +92,44 @@ def path_legend(paths: PathState, shown: Mapping[str, bool]) -> str:
     )
 
 
-def difference_table(difference: Mapping[str, Any]) -> str:
-    """What `compare_runs` found: A is the drive on show, B the run beside it."""
+def difference_table(difference: Difference) -> str:
+    """What `compare` found: A is the drive on show, B the run beside it."""
     rows = []
     for name, key, unit in (*AXES, YAW):
-        block = difference["mount"].get(key)
-        if block is None:
+        found = difference.mount[key]
+        if found is None:
             rows.append([f"{name}, {unit.strip()}", "–", "–", "not known in both"])
             continue
-        apart = f"{text.number(block['difference'], DIGITS)} ± {text.number(block['sigma'], DIGITS)}"
-        mark = "!" if block["significant"] else ""
-        rows.append(
-            [
-                f"{name}, {unit.strip()}",
-                text.number(block["a"], DIGITS),
-                text.number(block["b"], DIGITS),
-                mark + apart + (" differs" if mark else ""),
-            ]
-        )
+        factor = shown_unit(key)
+        numbers = (found.a.value, found.b.value, found.difference, found.sigma)
+        a, b, apart, sigma = (text.number(factor * value, DIGITS) for value in numbers)
+        words = f"!{apart} ± {sigma} differs" if found.significant else f"{apart} ± {sigma}"
+        rows.append([f"{name}, {unit.strip()}", a, b, words])
     table = numbers_table("Mount", ("", "this", "other", "other − this"), rows)
-    frames, path = difference["frames"], difference["path"]
+    frames, path = difference.frames, difference.path
     if frames is None:
         return table + note("Different drives: frames and paths are not compared.")
-    rows = [
-        [
-            f"{name}, {unit.strip()}",
-            *(text.number(frames[key][part], 4) for part in ("median", "rms", "largest")),
-        ]
-        + [str(frames[key]["largest_at_frame"])]
-        for name, key, unit in AXES
-        if frames[key] is not None
-    ]
+    rows = []
+    for name, key, unit in AXES:
+        over = frames.axes[key]
+        if over is not None:
+            values = (shown_unit(key) * value for value in (over.median, over.rms, over.largest))
+            cells = [text.number(value, 4) for value in values]
+            rows.append([f"{name}, {unit.strip()}", *cells, str(over.largest_at_frame)])
     table += numbers_table("Frame by frame", ("", "median", "rms", "largest", "at frame"), rows)
     words = (
-        f"{frames['ok_in_both']} of {frames['common']} common frames ok in both, {frames['ok_only_in_a']} only "
-        f"here, {frames['ok_only_in_b']} only there."
+        f"{frames.ok_in_both} of {frames.common} common frames ok in both, {frames.ok_only_in_a} only "
+        f"here, {frames.ok_only_in_b} only there."
     )
     if path is not None:
         words += (
-            f" Paths of {text.number(path['a_m'], 2)} and {text.number(path['b_m'], 2)} m, apart by "
-            f"{text.number(path['rms_difference_m'], 3, ' m')} rms and "
-            f"{text.number(path['final_difference_m'], 3, ' m')} at the end, laid together at the first frame."
+            f" Paths of {text.number(path.a_m, 2)} and {text.number(path.b_m, 2)} m, apart by "
+            f"{text.number(path.rms_difference_m, 3, ' m')} rms and "
+            f"{text.number(path.final_difference_m, 3, ' m')} at the end, laid together at the first frame."
         )
     return table + note(words)
+
+
+def shown_unit(field: str) -> float:
+    """The factor from a field's unit to the one on the page."""
+    return float(np.rad2deg(1.0)) if field.endswith("_rad") else 1.0

@@ -21,7 +21,7 @@ from stereocalib_app.server.library import Library
 from stereocalib_app.server.viser_internals import set_width, show_elements, show_node
 from stereocalib_app.widgets.page_base import set_theme
 from stereocalib_core.errors import SourceError
-from stereocalib_core.files.io import read_run
+from stereocalib_core.files.run_folder import load_run
 
 LOG = logging.getLogger(__name__)
 MAIN_WIDTH_PX = 345
@@ -121,7 +121,7 @@ class Hub:
         folder = Path(self.library.resolve(text))
         if not folder.is_dir():
             raise SourceError("no such folder", text[:200], "name the output folder of an earlier run")
-        page.set_compared(read_run(folder))
+        page.set_compared(load_run(folder))
 
     def _show(self, page: Page, session: Session, frame: int | None = None) -> None:
         """Replace the drive of a page, at a frame; without one, a drive that is still computed plays."""

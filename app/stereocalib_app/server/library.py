@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 
-from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged_analysis, part_of
+from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
 from stereocalib_app.drive.earlier_run import open_run
 from stereocalib_app.drive.session import Session
 from stereocalib_core.back.analyse import analyse
@@ -21,7 +21,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.files.io import read_rig
-from stereocalib_core.results import DriveAnalysis, FrameResult
+from stereocalib_core.results import Drive, FrameResult
 from stereocalib_core.run.drive import cut_truth, frame_range
 from stereocalib_core.sources import SourceKind, open_source, source_kind
 
@@ -54,9 +54,9 @@ def open_drive(
     part = part_of(source, start, stop)
     known_rig = None if rig is None else read_rig(rig)
 
-    def whole_drive(results: Sequence[FrameResult]) -> DriveAnalysis:
+    def whole_drive(results: Sequence[FrameResult]) -> Drive:
         truth = cut_truth(part.ground_truth, 0, len(results))
-        return judged_analysis(analyse(results, part.camera, config, truth, known_rig), limits)
+        return judged(analyse(results, part.camera, config, truth, known_rig), limits)
 
     whole = (start, stop) == (0, len(source))
     return Session(

@@ -15,17 +15,16 @@ road by as much as it changes the residual, the other way round; a knocked LiDAR
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import RoadCheckConfig
-from stereocalib_core.files.report import AXES as NAMES
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
-from stereocalib_core.results import TO_DEGREES, FrameResult
+from stereocalib_core.results import FrameResult, LidarCheck, LidarSeries, LidarShift, Residual
 
 Axis = Literal["height", "pitch", "roll"]
 
@@ -35,74 +34,6 @@ UNSEEN = (
 )
 
 _MOST_STEPS = 4
-
-
-@dataclass(frozen=True)
-class LidarShift:
-    """One finding: `step` (moved during the drive) or `offset` (the calibration is off from the start).
-
-    frame: the first frame that shows it. detected_at: the frame by which it was certain.
-    size, sigma: [m] for height, else [rad]. moved: which of the two, as far as the camera's own road tells.
-    """
-
-    frame: int
-    axis: Axis
-    size: float
-    sigma: float
-    kind: Literal["step", "offset"]
-    detected_at: int
-    moved: Literal["lidar", "camera"] | None = None
-
-    def as_report(self) -> dict[str, Any]:
-        """The entry of `shifts`: metres or degrees."""
-        unit = 1.0 if self.axis == "height" else float(np.rad2deg(1.0))
-        return {
-            "frame": self.frame,
-            "axis": self.axis,
-            "size": self.size * unit,
-            "unit": "m" if self.axis == "height" else "deg",
-            "kind": self.kind,
-            "sigma": self.sigma * unit,
-            "detected_at": self.detected_at,
-            "moved": self.moved,
-        }
-
-
-@dataclass(frozen=True)
-class LidarCheck:
-    """The residuals of a drive; N entries, one for each frame with both a scan and a stereo road.
-
-    frames: (N,) frame numbers. values, sigma: (N, 3) height [m], pitch, roll [rad] of each frame by itself.
-    filtered, filtered_sigma: (N, 3), with the frames before. median, scatter: (3,) over the drive;
-    scatter is 1.4826 times the median distance from the median.
-    """
-
-    frames: NDArray[np.int64]
-    values: Array
-    sigma: Array
-    filtered: Array
-    filtered_sigma: Array
-    median: Array
-    scatter: Array
-    shifts: tuple[LidarShift, ...]
-    unseen: str = UNSEEN
-
-    def as_report(self) -> dict[str, Any]:
-        """The block `lidar_check` of report.json."""
-        rms = np.sqrt(np.mean((self.values - self.median) ** 2, axis=0)) * TO_DEGREES
-        block: dict[str, Any] = {
-            name: {
-                "median": float(self.median[k] * TO_DEGREES[k]),
-                "scatter": float(self.scatter[k] * TO_DEGREES[k]),
-                "rms": float(rms[k]),
-                "sigma": float(np.median(self.sigma[:, k]) * TO_DEGREES[k]),
-            }
-            for k, name in enumerate(NAMES)
-        }
-        block["shifts"] = [shift.as_report() for shift in self.shifts]
-        block["frames"] = len(self.frames)
-        block["unseen"] = self.unseen
-        return block
 
 
 def check(results: Sequence[FrameResult], config: RoadCheckConfig) -> LidarCheck | None:
@@ -131,8 +62,20 @@ def check(results: Sequence[FrameResult], config: RoadCheckConfig) -> LidarCheck
                 LidarShift(int(frames[0]), AXES[axis], size, deviation, "offset", int(frames[certain]))
             )
     filtered, filtered_sigma = _filter(values, sigma, levels, times, config)
-    ordered = tuple(sorted(shifts, key=lambda s: (s.frame, AXES.index(s.axis))))
-    return LidarCheck(frames, values, sigma, filtered, filtered_sigma, median, scatter, ordered)
+    rms = np.sqrt(np.mean((values - median) ** 2, axis=0))
+    of_one = np.median(sigma, axis=0)
+    height, pitch, roll = (
+        Residual(float(median[k]), float(scatter[k]), float(rms[k]), float(of_one[k])) for k in range(3)
+    )
+    return LidarCheck(
+        height,
+        pitch,
+        roll,
+        shifts=tuple(sorted(shifts, key=lambda s: (s.frame, AXES.index(s.axis)))),
+        frames=len(frames),
+        unseen=UNSEEN,
+        series=LidarSeries(frames, values, sigma, filtered, filtered_sigma),
+    )
 
 
 def who_moved(

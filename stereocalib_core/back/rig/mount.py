@@ -8,12 +8,11 @@ import numpy as np
 
 from stereocalib_core.back.rig.body_motion import MotionSeries, remove_explained
 from stereocalib_core.back.rig.over_wheels import over_wheels
-from stereocalib_core.back.rig.shift_alarm import Shift
 from stereocalib_core.config import MountConfig
 from stereocalib_core.config.back import WheelsConfig
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import cauchy_mean, mad_sigma
-from stereocalib_core.results import FrameResult, Measured, Rig
+from stereocalib_core.results import FrameResult, Measured, Rig, Shift, estimates
 
 
 def estimate_mount(
@@ -33,11 +32,7 @@ def estimate_mount(
     """
     config = config or MountConfig()
     floors = (config.floor_height_m, *np.deg2rad([config.floor_angle_deg] * 2).tolist())
-    values = np.full((len(results), 3), np.nan)
-    for i, r in enumerate(results):
-        if r.road is not None:
-            e = r.road.extrinsics
-            values[i] = e.height_m, e.pitch_rad, e.roll_rad
+    values = estimates(results)
     steady = np.ones(len(results), dtype=bool)
     if motion is not None and len(results):
         wheels = over_wheels(values, motion, road_under)

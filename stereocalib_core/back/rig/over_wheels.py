@@ -30,7 +30,8 @@ def over_wheels(values: Array, motion: MotionSeries, config: WheelsConfig | None
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
     breaks = np.cumsum(~tracked)
     height, pitch, roll = values.T
-    down = road_rotation(pitch, roll)[:, :, 1]
+    # contiguous: einsum sums strided arrays in another order, and the last bits would differ
+    down = np.ascontiguousarray(road_rotation(pitch, roll)[:, :, 1])
     normal = np.einsum("nij,nj->ni", R, down)
     offset = np.einsum("ni,ni->n", normal, position) + height
     known = np.asarray(np.isfinite(values).all(axis=1))

@@ -6,8 +6,7 @@ What rows can tell and what they cannot: see `front.rows.self_check`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,53 +16,9 @@ from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import FrameResult, Measured, Pair
 
 Verdict = Literal["good", "suspect", "bad"]
-
-
-@dataclass(frozen=True)
-class RectificationReport:
-    """The pair over a whole drive; each value with its standard deviation, NaN where nothing was measured.
-
-    row_offset_px: right row minus left row at the principal point [px].
-    relative_pitch_rad: the same as an angle, > 0: the right camera looks further down.
-    relative_roll_rad: > 0: the right picture's rows fall to the right.
-    keystone_rad: the part of dv that goes with u v / f, as the relative yaw that it would be.
-    frames: how many frames were measured. first, last: the frames that the values speak of.
-    """
-
-    row_offset_px: float
-    row_offset_sigma_px: float
-    relative_pitch_rad: float
-    relative_pitch_sigma_rad: float
-    relative_roll_rad: float
-    relative_roll_sigma_rad: float
-    keystone_rad: float
-    frames: int
-    first: int
-    last: int
-    verdict: Verdict
-    why: str
-
-    def as_report(self) -> dict[str, Any]:
-        """The block `rectification` of report.json: degrees, null where nothing was measured."""
-
-        def pair(value: float, sigma: float) -> dict[str, float] | None:
-            return {"value": value, "sigma": sigma} if np.isfinite(value) else None
-
-        degrees = np.rad2deg
-        return {
-            "row_offset_px": pair(self.row_offset_px, self.row_offset_sigma_px),
-            "relative_pitch_deg": pair(
-                float(degrees(self.relative_pitch_rad)), float(degrees(self.relative_pitch_sigma_rad))
-            ),
-            "relative_roll_deg": pair(
-                float(degrees(self.relative_roll_rad)), float(degrees(self.relative_roll_sigma_rad))
-            ),
-            "verdict": self.verdict,
-            "why": self.why,
-        }
 
 
 def _robust_mean(values: Array, sigma: Array) -> tuple[Array, Array]:
@@ -101,7 +56,7 @@ def _worst_part(values_deg: Array, window: int) -> NDArray[np.bool_]:
 
 def summarise(
     camera: StereoCamera, results: Sequence[FrameResult], config: RectificationConfig | None = None
-) -> RectificationReport:
+) -> Pair:
     """The pair over a drive, from what every frame measured; where it changed on the way, its worse part."""
     config = config or RectificationConfig()
     swapped = [
@@ -110,9 +65,9 @@ def summarise(
     measured = [(r.frame, r.rectification) for r in results if r.rectification is not None]
     if len(swapped) > max(2, 0.5 * len(results)) or (swapped and not measured):
         why = f"left and right are swapped: negative disparities in {len(swapped)} of {len(results)} frames"
-        return _empty("bad", why)
+        return Pair("bad", why)
     if len(measured) < config.min_frames:
-        return _empty(
+        return Pair(
             "suspect", f"only {len(measured)} of {len(results)} frames could be matched: not measured"
         )
     frames = np.array([frame for frame, _ in measured])
@@ -141,22 +96,17 @@ def summarise(
         verdict = "suspect" if verdict == "good" else verdict
     if abs(np.rad2deg(keystone)) > 0.1:
         why += f"; keystone as of a relative yaw of {np.rad2deg(keystone):+.2f} deg (or a principal point)"
-    return RectificationReport(
-        float(mean[0]),
-        float(error[0]),
-        float(mean[1]),
-        float(error[1]),
-        float(mean[2]),
-        float(error[2]),
-        keystone,
-        len(measured),
-        first,
-        last,
+    offset, relative_pitch, relative_roll = (
+        Measured(float(value), float(sigma)) for value, sigma in zip(mean, error, strict=True)
+    )
+    return Pair(
         verdict,
         why,
+        offset,
+        relative_pitch,
+        relative_roll,
+        keystone_rad=keystone,
+        frames=len(measured),
+        first=first,
+        last=last,
     )
-
-
-def _empty(verdict: Verdict, why: str) -> RectificationReport:
-    nan = float("nan")
-    return RectificationReport(nan, nan, nan, nan, nan, nan, nan, 0, -1, -1, verdict, why)

@@ -14,8 +14,6 @@ A road shows height, pitch and roll, and with straight travel the yaw. What it c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,34 +26,10 @@ from stereocalib_core.back.rig.yaw_steps import find_yaw_steps
 from stereocalib_core.config import ShiftAlarmConfig
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
-from stereocalib_core.results import FrameResult
-
-Axis = Literal["height", "pitch", "roll", "yaw"]
+from stereocalib_core.results import Axis, FrameResult, Shift, estimates
 
 UNSEEN = "A shift of the camera along x or z leaves the picture of a road unchanged and cannot be seen."
 """What a user is told beside the shifts that were found."""
-
-
-@dataclass(frozen=True)
-class Shift:
-    """One shift of the mount. size: [m] for height, else [rad]; sigma likewise; frame: where it began.
-
-    detected_at: the frame by which it was certain.
-    """
-
-    frame: int
-    axis: Axis
-    size: float
-    sigma: float
-    kind: Literal["step", "drift"]
-    detected_at: int
-
-    def as_report(self) -> dict[str, object]:
-        """The entry of `shifts` in report.json: metres or degrees."""
-        height = self.axis == "height"
-        size = self.size if height else float(np.rad2deg(self.size))
-        unit = "m" if height else "deg"
-        return {"frame": self.frame, "axis": self.axis, "size": size, "unit": unit, "kind": self.kind}
 
 
 def find_shifts(
@@ -70,11 +44,7 @@ def find_shifts(
     motion). pair_yaw_rad: (N,) yaw by single pairs on straights, NaN elsewhere (`YawEstimate.pair_yaw_rad`).
     """
     config = config or ShiftAlarmConfig()
-    values = np.full((len(results), 3), np.nan)
-    for i, r in enumerate(results):
-        if r.road is not None:
-            e = r.road.extrinsics
-            values[i] = e.height_m, e.pitch_rad, e.roll_rad
+    values = estimates(results)
     steady = np.zeros(len(results), dtype=bool)
     wheels = slow = values
     witnessed = motion is not None and motion.poses is not None

@@ -268,7 +268,7 @@ def test_who_moved_is_told_by_the_cameras_own_road(camera: list[object], moved: 
     found = check(drive(80, 0, step(1, np.deg2rad(0.5), 40)), CONFIG)
     assert found is not None
     (shift,) = who_moved(found, camera, CONFIG).shifts  # type: ignore[arg-type]
-    assert shift.moved == moved == shift.as_report()["moved"]
+    assert shift.moved == moved
     off = check(drive(12, 3, step(2, np.deg2rad(1.0), 0)), CONFIG)
     assert off is not None and who_moved(off, [], CONFIG).shifts[0].moved is None
 
@@ -278,8 +278,9 @@ def test_filter_averages_and_its_sigma_holds() -> None:
     for seed in range(30):
         found = check(drive(100, seed), CONFIG)
         assert found is not None
-        errors.append(found.filtered[-1])
-        stated.append(found.filtered_sigma[-1])
+        assert found.series is not None
+        errors.append(found.series.filtered[-1])
+        stated.append(found.series.filtered_sigma[-1])
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(stated, axis=0)
     assert np.all((ratio > 0.5) & (ratio < 1.5)), ratio
     assert np.all(np.mean(stated, axis=0) < 0.5 * SIGMA * np.sqrt(CONFIG.correlated_frames))
@@ -287,20 +288,19 @@ def test_filter_averages_and_its_sigma_holds() -> None:
 
 def test_filter_follows_a_step() -> None:
     found = check(drive(80, 0, step(1, np.deg2rad(0.5), 40)), CONFIG)
-    assert found is not None
-    assert found.filtered[-1, 1] * DEGREE == pytest.approx(0.5, abs=0.06)
-    assert found.filtered[38, 1] * DEGREE == pytest.approx(0.0, abs=0.06)
+    assert found is not None and found.series is not None
+    assert found.series.filtered[-1, 1] * DEGREE == pytest.approx(0.5, abs=0.06)
+    assert found.series.filtered[38, 1] * DEGREE == pytest.approx(0.0, abs=0.06)
 
 
-def test_report_has_the_contract_block_and_says_what_a_road_cannot_show() -> None:
+def test_a_check_counts_its_frames_and_says_what_a_road_cannot_show() -> None:
     results = [*drive(20, 1, step(1, np.deg2rad(2.0), 0)), stereo_result(20, ROAD)]
     found = check(results, CONFIG)
     assert found is not None
-    block = found.as_report()
-    assert block["pitch_deg"]["median"] == pytest.approx(2.0, abs=0.1)
-    assert set(block["roll_deg"]) >= {"median", "scatter"} and set(block["height_m"]) >= {"median", "scatter"}
-    assert block["shifts"][0]["axis"] == "pitch" and block["shifts"][0]["unit"] == "deg"
-    assert block["frames"] == 20
-    assert all(word in block["unseen"] for word in ("yaw", "x", "z"))
+    assert found.pitch_rad.median * DEGREE == pytest.approx(2.0, abs=0.1)
+    assert abs(found.roll_rad.median) < 3 * found.roll_rad.scatter
+    assert found.shifts[0].axis == "pitch"
+    assert found.frames == 20
+    assert all(word in found.unseen for word in ("yaw", "x", "z"))
     assert check([stereo_result(0, ROAD)], CONFIG) is None
     assert check([], CONFIG) is None

@@ -10,7 +10,8 @@ from body_on_springs import DIRECT, as_results, measure, ride
 
 from stereocalib_core.back.rig.body_motion import MotionSeries
 from stereocalib_core.back.rig.over_wheels import over_wheels
-from stereocalib_core.back.rig.shift_alarm import Shift, find_shifts
+from stereocalib_core.back.rig.shift_alarm import find_shifts
+from stereocalib_core.results import Shift
 
 STEP_M, AHEAD_M = 0.9, 7.0
 AXES = ("height", "pitch", "roll")

@@ -51,10 +51,11 @@ def drive(pairs: list[tuple[np.ndarray, np.ndarray]], camera: StereoCamera = CAM
 def test_a_turned_right_camera_is_measured(pitch_deg: float, roll_deg: float) -> None:
     pairs = [textured_pair(seed, np.deg2rad(pitch_deg), np.deg2rad(roll_deg)) for seed in range(6)]
     report = summarise(CAMERA, drive(pairs))
-    assert np.rad2deg(report.relative_pitch_rad) == pytest.approx(pitch_deg, abs=0.005)
-    assert np.rad2deg(report.relative_roll_rad) == pytest.approx(roll_deg, abs=0.01)
-    assert report.row_offset_px == pytest.approx(
-        -CAMERA.focal_px * np.tan(report.relative_pitch_rad), abs=1e-3
+    assert report.row_offset_px and report.relative_pitch_rad and report.relative_roll_rad
+    assert np.rad2deg(report.relative_pitch_rad.value) == pytest.approx(pitch_deg, abs=0.005)
+    assert np.rad2deg(report.relative_roll_rad.value) == pytest.approx(roll_deg, abs=0.01)
+    assert report.row_offset_px.value == pytest.approx(
+        -CAMERA.focal_px * np.tan(report.relative_pitch_rad.value), abs=1e-3
     )
     assert report.verdict == ("good" if pitch_deg == roll_deg == 0.0 else "suspect")
 
@@ -75,7 +76,7 @@ def test_swapped_cameras_are_named() -> None:
     report = summarise(CAMERA, results)
     assert report.verdict == "bad"
     assert "swapped" in report.why
-    assert report.as_report()["relative_pitch_deg"] is None
+    assert report.relative_pitch_rad is None
 
 
 def test_what_is_far_away_does_not_hide_that_pictures_are_swapped() -> None:
@@ -99,7 +100,8 @@ def test_a_change_within_the_drive_is_reported_with_its_frames() -> None:
         results.append(FrameResult(i, 0.1 * i, None, rectification=dataclasses.replace(base, values=values)))
     report = summarise(CAMERA, results)
     assert (report.first, report.last) == (40, 69)
-    assert np.rad2deg(report.relative_pitch_rad) == pytest.approx(0.08, abs=0.008)
+    assert report.row_offset_px and report.relative_pitch_rad and report.relative_roll_rad
+    assert np.rad2deg(report.relative_pitch_rad.value) == pytest.approx(0.08, abs=0.008)
 
 
 def test_the_keystone_is_not_taken_for_roll() -> None:

@@ -8,7 +8,8 @@ from body_on_springs import DIRECT, MOUNT, PAPER, Ride, as_results, measure, rid
 
 from stereocalib_core.back.rig.body_motion import MotionSeries, remove_explained
 from stereocalib_core.back.rig.mount import estimate_mount
-from stereocalib_core.back.rig.shift_alarm import Shift, find_shifts
+from stereocalib_core.back.rig.shift_alarm import find_shifts
+from stereocalib_core.results import Shift
 
 AXES = ("height", "pitch", "roll")
 SIZES = (0.03, float(np.deg2rad(0.3)), float(np.deg2rad(0.3)))

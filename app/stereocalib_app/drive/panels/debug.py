@@ -109,8 +109,8 @@ def failure_options(snapshot: Snapshot) -> tuple[str, ...]:
 
 def shift_options(snapshot: Snapshot) -> tuple[str, ...]:
     """One entry per shift of the mount."""
-    shifts = snapshot.report.get("shifts") or []
-    return tuple(f"{s['frame']} · {shift_words(s).partition(' at frame')[0]}" for s in shifts)
+    shifts = () if snapshot.drive is None else snapshot.drive.shifts
+    return tuple(f"{s.frame} · {shift_words(s).partition(' at frame')[0]}" for s in shifts)
 
 
 def frame_of(option: str) -> int | None:

@@ -11,7 +11,7 @@ from stereocalib_app.drive.summary import difference_table
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.tables import note
 from stereocalib_core.errors import StereoCalibError
-from stereocalib_core.files.io import SavedRun
+from stereocalib_core.results import Drive
 
 
 class OpenPanel:
@@ -41,7 +41,7 @@ class OpenPanel:
             )
             self._lay = gui.add_button("Compare side by side")
             self._difference = gui.add_html("")
-        self._compared: SavedRun | None = None
+        self._compared: Drive | None = None
         self._done = False
         host.on_click(self._open, lambda _: host.doors.open(self._path.value))
         host.on_click(self._lay, lambda _: host.doors.compare(self._compare.value))
@@ -63,10 +63,10 @@ class OpenPanel:
                 "" if moment.compared is None else self._compare_html(moment, moment.compared)
             )
 
-    def _compare_html(self, moment: Moment, other: SavedRun) -> str:
+    def _compare_html(self, moment: Moment, other: Drive) -> str:
         try:
             return difference_table(
-                exports.difference(moment.session, moment.snapshot, moment.settings, other.folder)
+                exports.difference(moment.session, moment.snapshot, moment.settings, other)
             )
         except StereoCalibError as error:
             return note(str(error))

@@ -16,8 +16,8 @@ from stereocalib_app.widgets import palette, text
 from stereocalib_app.widgets.chart import Chart, ChartView, Curve
 from stereocalib_app.widgets.style import style_sheet
 from stereocalib_app.widgets.tables import numbers_table
-from stereocalib_core.files.io import SavedRun
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import Drive
 
 AXES = ("height", "pitch", "roll")
 UNITS = (" m", "°", "°")
@@ -47,14 +47,13 @@ def raw_values(snapshot: Snapshot) -> np.ndarray:
     return out
 
 
-def saved_values(run: SavedRun | None, total: int) -> np.ndarray:
+def saved_values(run: Drive | None, total: int) -> np.ndarray:
     """(total, 3) filtered height [m], pitch, roll [deg] of another run, NaN where it has none."""
     out = np.full((total, 3), np.nan)
     if run is not None:
-        frames = np.asarray(run.extrinsics["frame"], dtype=np.int64)
+        frames = run.frames.frame
         inside = (frames >= 0) & (frames < total)
-        for axis, name in enumerate(("height_filtered_m", "pitch_filtered_deg", "roll_filtered_deg")):
-            out[frames[inside], axis] = np.asarray(run.extrinsics[name])[inside]
+        out[frames[inside]] = axis_values(run.frames.filtered[inside])
     return out
 
 
@@ -62,7 +61,7 @@ def extrinsics_charts(
     snapshot: Snapshot,
     truth: np.ndarray | None,
     previous: list[tuple[float, float]] | None,
-    compared: SavedRun | None = None,
+    compared: Drive | None = None,
 ) -> list[Chart]:
     """One chart per axis: this pair as dots, filtered with its sigma band, truth, failed spans."""
     x = np.arange(max(snapshot.total, 2), dtype=np.float64)
@@ -72,10 +71,10 @@ def extrinsics_charts(
     failed[snapshot.failures()] = True
     filtered = np.full((len(x), 3), np.nan)
     sigma = np.zeros((len(x), 3))
-    if snapshot.analysis is not None and snapshot.analysis.filtered is not None:
-        known = snapshot.analysis.filtered
-        filtered[: len(known.state)] = axis_values(known.values)
-        sigma[: len(known.state)] = axis_values(known.sigma)
+    if snapshot.drive is not None:
+        known = snapshot.drive.frames
+        filtered[: len(known)] = axis_values(known.filtered)
+        sigma[: len(known)] = axis_values(known.filtered_sigma)
     other = saved_values(compared, len(x))
     charts = []
     for axis, name in enumerate(AXES):
@@ -182,7 +181,7 @@ class TimelinePanel:
         self._host = host
         gui, clock = host.gui, host.playback
         self._ranges: list[tuple[float, float]] | None = None
-        self._compared: SavedRun | None = None
+        self._compared: Drive | None = None
         self._charts: list[Chart] = []
         truth = host.session.source.ground_truth
         self._truth = None if truth is None else truth.extrinsics

@@ -1,0 +1,54 @@
+"""The folder of a run: a `Drive` to its files and back."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from pathlib import Path
+
+from stereocalib_core import config as settings
+from stereocalib_core.errors import ConfigError, SourceError
+from stereocalib_core.files import io
+from stereocalib_core.files.extrinsics import read_extrinsics_csv, write_extrinsics_csv
+from stereocalib_core.files.report import drive_of, report_of
+from stereocalib_core.results import Drive
+
+CONFIG, RIG, REPORT, EXTRINSICS = "config.json", "rig.yaml", "report.json", "extrinsics.csv"
+KITTI, TUM = "trajectory.txt", "trajectory.tum"
+RESULT_FILES = (CONFIG, RIG, EXTRINSICS, KITTI, TUM, REPORT)
+
+
+def write_run(drive: Drive, folder: Path) -> None:
+    """The files of a run; report.json last, so that its presence means that the others are there."""
+    if drive.config is not None:
+        io.write_json(folder / CONFIG, settings.to_dict(drive.config))
+    write_extrinsics_csv(folder / EXTRINSICS, drive.frames)
+    if drive.paths:
+        io.write_rig(folder / RIG, drive.mount)
+    if drive.poses is not None:
+        io.write_kitti(folder / KITTI, drive.poses)
+        io.write_tum(folder / TUM, drive.frames.timestamp_s, drive.poses)
+    io.write_json(folder / REPORT, report_of(drive))
+
+
+def load_run(folder: Path) -> Drive:
+    """What a run wrote, as a `Drive`; raises SourceError.
+
+    Numbers are as exact as the files have them; poses are those of the best path, NaN for the other ones.
+    """
+    report = folder / REPORT
+    if not report.is_file():
+        raise SourceError("no run there", folder, "name the output folder of an earlier `stereocalib run`")
+    kitti, rig = folder / KITTI, folder / RIG
+    frames = read_extrinsics_csv(folder / EXTRINSICS)
+    if len(frames) == 0:
+        raise SourceError("run without frames", folder, "run the drive again")
+    poses = io.read_kitti(kitti) if kitti.is_file() else None
+    drive = drive_of(io.read_json(report), report, frames, poses)
+    if rig.is_file():
+        mount = dataclasses.replace(drive.mount, lever_arm_m=io.read_rig(rig).lever_arm_m)
+        drive = dataclasses.replace(drive, mount=mount)
+    with contextlib.suppress(ConfigError):  # of another version: what it was run with is not known
+        if (folder / CONFIG).is_file():
+            drive = dataclasses.replace(drive, config=settings.load(folder / CONFIG))
+    return drive
