@@ -1,0 +1,308 @@
+"""The pair's relative yaw from the motion of the car: what no row of the pictures shows.
+
+A right camera that is turned by a yaw against the left one takes f yaw (1 + x^2) from every disparity, x = (u_right -
+cx) / f. All depths are then wrong, near ones by little and far ones by much, so that near and far points want
+different translations of the same car. Per pair of frames the motion is free in all six degrees; the yaw is one
+number for the drive. Everything is estimated together by robust reprojection in the four pictures of a pair of
+frames, the depths and the motions eliminated (Schur complement).
+
+The pair's pitch and roll come from its rows (`back.rig.pair`), which show them far better than any motion does;
+they are taken out of the disparities first and what is unsure of them adds to the sigma of the yaw.
+
+Sigma is not that of the points, which share their scene with those of the next frame, and their faults. The drive is
+cut into groups of neighbouring pairs, and into its thirds: how much these disagree is what noise and scenes do. The
+picture is cut into upright strips: how much the yaw changes when one is left out is what stays the same all along
+the drive and is no yaw (a lens that is not quite as calibrated, rows that are not quite equal, a car ahead).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.back.rig.relative_yaw_kernels import MOTION, TURN, move, pair_equations
+from stereocalib_core.config.pair import PairConfig
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.chunks import in_chunks
+from stereocalib_core.results import FrameResult, Measured
+
+CHI2_MEDIAN = 2.366
+"""Median of chi^2 with three degrees of freedom: four measurements of a point less its depth."""
+
+
+@dataclass(frozen=True)
+class StereoTracks:
+    """All points of a drive that were seen in both pictures of two frames, in the units of the kernels.
+
+    rays: (6, M) x, y, disparity in the frame before, then in this one, all over the focal length.
+    start: (N + 1,) the points of pair i, which ends in frame i, are start[i] ... start[i + 1].
+    """
+
+    camera: StereoCamera
+    rays: Array
+    start: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.start) - 1
+
+
+@dataclass(frozen=True)
+class YawSolution:
+    """The yaw of the pairs `used`, and what each of them says of it once its own motion is taken out.
+
+    yaw_rad. curvature, score: (K,) second and first derivative of the cost by the yaw in every pair: alone, pair k
+    would give yaw + score / curvature. leverage: (2,) change of the yaw by the roll and pitch assumed.
+    without_strips: (S,) change of the yaw [rad] when a strip of the picture is left out.
+    motions: (N, 6) of T_current_previous, translations in baselines. noise_px: of one measurement.
+    shown: share of what the disparities say of the yaw that no motion explains, 0...1.
+    """
+
+    yaw_rad: float
+    used: NDArray[np.int64]
+    curvature: Array
+    score: Array
+    leverage: Array
+    without_strips: Array
+    motions: Array
+    noise_px: float
+    shown: float
+
+    @property
+    def of_pairs(self) -> Array:
+        """(K,) what every pair of frames by itself gives for the yaw [rad]."""
+        return self.yaw_rad + self.score / np.maximum(self.curvature, 1e-300)
+
+
+@dataclass(frozen=True)
+class RelativeYaw:
+    """The relative yaw of the right camera over (a part of) a drive; `reason` says why there is none.
+
+    yaw_rad > 0: the right camera looks further left than the left one, every disparity is too small.
+    halves: (2,) by the odd and the even pairs alone, thirds: (3,) by the parts of the drive [rad].
+    """
+
+    yaw_rad: float
+    sigma_rad: float
+    halves: Array
+    thirds: Array
+    pairs: int
+    noise_px: float
+    reason: str | None = None
+    solution: YawSolution | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether there is a value."""
+        return self.reason is None
+
+
+def stereo_tracks(camera: StereoCamera, results: Sequence[FrameResult]) -> StereoTracks:
+    """The tracks of consecutive frames to one block; points without a disparity in both frames are left out."""
+    blocks: list[NDArray[np.float32]] = []
+    start = np.zeros(len(results) + 1, dtype=np.int64)
+    for i, result in enumerate(results):
+        start[i + 1] = start[i]
+        if result.tracks is not None and len(result.tracks):
+            blocks.append(result.tracks.points[np.isfinite(result.tracks.points).all(axis=1)])
+            start[i + 1] += len(blocks[-1])
+    points = np.concatenate([*blocks, np.zeros((0, 6), np.float32)]).astype(np.float64).T
+    centre = np.array([camera.cx_px, camera.cy_px, 0.0] * 2)[:, None]
+    return StereoTracks(camera, np.ascontiguousarray((points - centre) / camera.focal_px), start)
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """Normal equations of the used pairs without their motions: curvature (K, 3, 3) and score (K,) of the turn.
+
+    steps: (K, 6, 2) the motions' own steps, and by how much they follow the yaw. unreduced: curvature by the yaw
+    with all motions known.
+    """
+
+    curvature: Array
+    score: Array
+    steps: Array
+    unreduced: float
+
+
+def _reduce(normal: Array, right: Array) -> _Reduced | None:
+    """Schur complement of (K, 9, 9) and (K, 9); None where a motion is not determined."""
+    H = normal[:, :MOTION, :MOTION].copy()
+    H[:, range(MOTION), range(MOTION)] *= 1.0 + 1e-9
+    cross = normal[:, :MOTION, MOTION:]
+    try:
+        solved = np.linalg.solve(H, np.dstack([cross, right[:, :MOTION, None]]))
+    except np.linalg.LinAlgError:
+        return None
+    curvature = normal[:, MOTION:, MOTION:] - np.einsum("nmp,nmq->npq", cross, solved[:, :, :TURN])
+    score = right[:, MOTION] - np.einsum("nm,nm->n", cross[:, :, 0], solved[:, :, TURN])
+    total = curvature[:, 0, 0].sum()
+    if not (np.isfinite(total) and total > 0.0):
+        return None
+    steps = np.dstack([solved[:, :, TURN], solved[:, :, 0]])
+    return _Reduced(curvature, score, steps, float(normal[:, MOTION, MOTION].sum()))
+
+
+def solve_yaw(
+    tracks: StereoTracks,
+    motions: Array,
+    active: NDArray[np.bool_],
+    roll_pitch: tuple[float, float],
+    config: PairConfig,
+) -> YawSolution | None:
+    """The yaw of the `active` (N,) pairs, Gauss-Newton over it and all their motions at once.
+
+    motions: (N, 6 or more) start, rotation vector [rad] and translation [m]. roll_pitch: of the right camera [rad],
+    held. None where no pair is left or the equations are singular.
+    """
+    count, f = len(tracks), tracks.camera.focal_px
+    now = np.array(motions[:, :6], dtype=np.float64)
+    now[:, 3:] /= tracks.camera.baseline_m
+    active = active & (np.diff(tracks.start) >= config.min_points)
+    used = np.flatnonzero(active)
+    if not len(used):
+        return None
+    turn = np.array([0.0, *roll_pitch])
+    normal, right = np.zeros((count, MOTION + TURN, MOTION + TURN)), np.zeros((count, MOTION + TURN))
+    misfit = np.zeros(tracks.rays.shape[1])
+    of_used = np.repeat(active, np.diff(tracks.start))
+    noise, step, total = config.noise_px / f, np.inf, np.nan
+    reduced: _Reduced | None = None
+    for _ in range(config.rounds):
+        in_chunks(
+            pair_equations, count,
+            tracks.rays, tracks.start, active, now, turn, noise, config.tuning, normal, right, misfit,
+        )  # fmt: skip
+        reduced = _reduce(normal[used], right[used])
+        if reduced is None:
+            return None
+        total = reduced.curvature[:, 0, 0].sum()
+        if abs(step) < config.settled_rad:
+            break
+        step = reduced.score.sum() / total
+        move(now, used, reduced.steps[:, :, 0] - reduced.steps[:, :, 1] * step)
+        turn[0] += step
+        # the drive's own residuals say how noisy its points are, and so which of them are wrong
+        scale = np.sqrt(np.median(misfit[of_used]) / CHI2_MEDIAN)
+        noise *= float(np.clip(scale, 1.0 / config.most_rescaled, config.most_rescaled))
+    if reduced is None or not np.isfinite(turn[0]):
+        return None
+    curvature = reduced.curvature[:, 0]
+    leverage = -curvature[:, 1:].sum(axis=0) / total
+    without = _without_strips(tracks, now, active, turn, noise, config)
+    return YawSolution(
+        float(turn[0]), used, curvature[:, 0], reduced.score, leverage, without, now, noise * f,
+        float(total / reduced.unreduced),
+    )  # fmt: skip
+
+
+def _without_strips(
+    tracks: StereoTracks, now: Array, active: NDArray[np.bool_], turn: Array, noise: float, config: PairConfig
+) -> Array:
+    """(S,) change of the yaw [rad] when the points of one of S upright strips of the picture are left out.
+
+    One step from the solution of all of them; the strips hold equally many points.
+    """
+    count, strips = len(tracks), config.strips
+    used = np.flatnonzero(active)
+    shape = (count, MOTION + TURN, MOTION + TURN)
+    x = tracks.rays[0]
+    edges = np.quantile(x, np.linspace(0.0, 1.0, strips + 1)[1:-1])
+    strip = np.searchsorted(edges, x)
+    parts = []
+    for k in range(strips):
+        inside = strip == k
+        before = np.concatenate([[0], np.cumsum(inside)])
+        normal, right = np.zeros(shape), np.zeros(shape[:2])
+        in_chunks(
+            pair_equations, count,
+            np.ascontiguousarray(tracks.rays[:, inside]), before[tracks.start], active, now, turn, noise,
+            config.tuning, normal, right, np.zeros(int(before[-1])),
+        )  # fmt: skip
+        parts.append((normal[used], right[used]))
+    whole = sum(part[0] for part in parts), sum(part[1] for part in parts)
+    changes = np.zeros(strips)
+    for k, (normal, right) in enumerate(parts):
+        # a pair that is left without its own motion says nothing
+        rest = whole[0] - normal, whole[1] - right
+        enough = np.linalg.cond(rest[0][:, :MOTION, :MOTION]) < config.worst_condition
+        reduced = _reduce(rest[0][enough], rest[1][enough]) if enough.any() else None
+        changes[k] = np.nan if reduced is None else reduced.score.sum() / reduced.curvature[:, 0, 0].sum()
+    return changes
+
+
+def grouped_sigma(solution: YawSolution, pairs_together: int) -> float:
+    """Standard deviation of the yaw [rad] by how much groups of neighbouring pairs disagree (sandwich, clustered).
+
+    The thirds of the drive are its coarsest groups; where they disagree by more than the small ones let expect, the
+    drive has something slow in it, and sigma is what they say.
+    """
+    total = solution.curvature.sum()
+    sigmas = []
+    for groups in (solution.used // pairs_together, np.arange(len(solution.used)) * 3 // len(solution.used)):
+        _, of = np.unique(groups, return_inverse=True)
+        sums = np.bincount(of, weights=solution.score)
+        if len(sums) > 1:
+            sigmas.append(np.sqrt(np.sum(sums**2) * len(sums) / (len(sums) - 1.0)) / total)
+    single = float(np.sqrt(np.sum(solution.score**2)) / total)
+    return float(max([single, *sigmas]))
+
+
+def strip_sigma(solution: YawSolution, share: float) -> float:
+    """Standard deviation of the yaw [rad] by how much it hangs on single strips of the picture (jackknife).
+
+    share: of the jackknife's own; strips that lie beside each other share what is wrong in them, so that it says
+    more than is true.
+    """
+    changes = solution.without_strips[np.isfinite(solution.without_strips)]
+    if len(changes) < 2:
+        return float("inf")
+    return float(share * np.sqrt((len(changes) - 1.0) / len(changes) * np.sum(changes**2)))
+
+
+def relative_yaw(
+    tracks: StereoTracks,
+    motions: Array,
+    active: NDArray[np.bool_],
+    roll_pitch: tuple[Measured, Measured],
+    config: PairConfig,
+) -> RelativeYaw:
+    """The yaw over the `active` (N,) pairs, with sigma; `motions` (N, 6 or more) is where their motions start."""
+    if np.count_nonzero(active) < config.min_pairs:
+        return _none(f"only {np.count_nonzero(active)} pairs of frames in which the car moves", 0)
+    roll, pitch = roll_pitch
+    solution = solve_yaw(tracks, motions, active, (roll.value, pitch.value), config)
+    if solution is None or len(solution.used) < config.min_pairs:
+        return _none("too few points were followed from frame to frame", 0)
+    if solution.shown < config.least_shown:
+        return _none(
+            "near and far points are too much alike: the scene has no range of depth", len(solution.used)
+        )
+    parts = [
+        grouped_sigma(solution, config.pairs_together),
+        strip_sigma(solution, config.strip_share),
+        solution.leverage[0] * roll.sigma,
+        solution.leverage[1] * pitch.sigma,
+        config.share_of_yaw * solution.yaw_rad,
+        config.share_of_roll * roll.value,
+    ]
+    odd = np.arange(len(solution.used)) % 2
+    third = np.arange(len(solution.used)) * 3 // len(solution.used)
+    return RelativeYaw(
+        solution.yaw_rad, float(np.linalg.norm(parts)), _parts(solution, odd), _parts(solution, third),
+        len(solution.used), solution.noise_px, None, solution,
+    )  # fmt: skip
+
+
+def _parts(solution: YawSolution, part: NDArray[np.int64]) -> Array:
+    """What each part of the pairs gives by itself [rad]."""
+    weights = np.bincount(part, weights=solution.curvature)
+    return solution.yaw_rad + np.bincount(part, weights=solution.score) / np.maximum(weights, 1e-300)
+
+
+def _none(reason: str, pairs: int) -> RelativeYaw:
+    nan = float("nan")
+    return RelativeYaw(nan, nan, np.full(2, nan), np.full(3, nan), pairs, nan, reason)

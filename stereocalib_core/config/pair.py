@@ -1,0 +1,91 @@
+"""Settings of the pair's own calibration: relative yaw by the car's motion, depth scale by LiDAR or a known path."""
+
+from __future__ import annotations
+
+from pydantic.dataclasses import dataclass
+
+from stereocalib_core.config.strict import STRICT
+
+
+@dataclass(frozen=True, config=STRICT)
+class PairConfig:
+    """The pair's relative yaw by the motion of the car."""
+
+    noise_px: float = 0.1
+    """First guess of the noise of a point in one picture; the drive's own residuals then say."""
+    tuning: float = 9.0
+    """Misfit over noise^2 at which a point counts a quarter: three times what is usual (Geman-McClure)."""
+    min_points: int = 12
+    """Fewer points hold no motion of six degrees."""
+    min_pairs: int = 8
+    """Fewer moving pairs of frames make no groups to take a sigma from."""
+    pairs_together: int = 10
+    """So many neighbouring pairs share their scene and count as one: at 10 frames a second, a second of driving."""
+    rounds: int = 12
+    settled_rad: float = 2e-8
+    """A hundred-thousandth of a pixel at any focal length in use."""
+    most_rescaled: float = 3.0
+    """The noise is taken larger or smaller by this factor at most in one round, while motions still settle."""
+    least_shown: float = 1e-4
+    """Of the yaw's part in the disparities, what no motion explains; less is a scene at one depth."""
+    strips: int = 5
+    """Upright strips of the picture with equally many points, for sigma."""
+    worst_condition: float = 1e12
+    """Of a pair's motion when a strip is left out."""
+    strip_share: float = 0.5
+    """Of the jackknife over strips. Tuned on 12 rendered drives of 80 frames (seeds 101 to 112)."""
+    share_of_yaw: float = 0.005
+    """1 sigma as a share of the yaw: a turned picture moves rows too (x y yaw), which a search along rows takes
+    partly for disparity. Tuned on the same drives."""
+    share_of_roll: float = 0.06
+    """The same of the relative roll (rows x roll). Tuned on one rendered drive with 0.1 deg."""
+    min_scans: int = 4
+    """Fewer LiDAR scans make no sigma."""
+    least_samples: int = 40
+    """Of a scan; fewer is a scan without surfaces."""
+    jitter_deg: float = 0.05
+    """1 sigma of LiDAR against camera from scan to scan: a body that pitches by 5 deg/s, 10 ms apart."""
+    pose_angle_deg: float = 0.05
+    pose_m: float = 0.02
+    """1 sigma of how LiDAR and camera are placed. Source: spread of KITTI's own calibrations of several days
+    (Geiger et al. 2013), and what `stereocalib lidar-camera` reaches."""
+    sweep_sigma: float = 2.0
+    """1 sigma of the share of a scan's time that moves its points: +1 or -1 by the sense of rotation, 0 where they
+    were put right."""
+    first_noise_px: float = 0.3
+    least_noise_px: float = 0.02
+    lidar_tuning: float = 3.0
+    """Residual in sigmas at which a sample counts a quarter."""
+    lidar_rounds: int = 10
+    most_scale_sigma: float = 0.03
+    """A scale less sure than this is none."""
+    least_step_m: float = 0.3
+    """Of the car between two frames, for its length to be compared with a truth's: ten times a step's noise."""
+    strays: float = 4.0
+    """Steps further from the median ratio, in sigmas, are a jump of the GNSS."""
+    path_systematic: float = 0.001
+    """1 sigma of a path's scale that no length removes, by the tracks' own bias on rendered drives."""
+    suspect_yaw_deg: float = 0.02
+    bad_yaw_deg: float = 0.08
+
+
+@dataclass(frozen=True, config=STRICT)
+class ScanDisparityConfig:
+    """Disparities by LiDAR beside those by the pair."""
+
+    nearest_m: float = 3.0
+    """Nearer, LiDAR and camera see things from too different places."""
+    farthest_m: float = 80.0
+    """Farther, a cell holds too few points."""
+    cell_px: int = 10
+    """Half a patch of the matcher; holds two beams of a 64-beam LiDAR."""
+    least_points: int = 5
+    flat_px: float = 0.3
+    """A LiDAR's 2 cm are less than that beyond 6 m; an edge is more."""
+    correlation: float = 0.75
+    reach_px: float = 2.0
+    """Of the fine match about the dense one."""
+    most_px: float = 6.0
+    """Difference of the two; 0.4 deg of relative yaw at 700 px. More is another thing than the LiDAR saw."""
+    most_samples: int = 600
+    """Kept of each scan."""
