@@ -13,11 +13,11 @@ SOURCE_HELP = """\
 sources (SOURCE is recognised by what is in it):
   .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
   .../2011_09_26_drive_0009_sync
-                              KITTI raw drive; truth from OXTS, scans from velodyne_points; KITTI-360,
-                              and single pairs of KITTI stereo 2012, 2015 and object
+                              KITTI raw drive; truth from OXTS, scans from velodyne_points;
+                              KITTI-360; single pairs of KITTI stereo 2012, 2015, object
   .../MH_01_easy              EuRoC / ASL recording (mav0/cam0, cam1)
-  FOLDER                      left/ right/, cam0/ cam1/, left01.png right01.png ... and a calibration
-                              of any dialect, unrectified or not; optional times, poses, scans
+  FOLDER                      left/ right/, cam0/ cam1/, left01.png right01.png ..., and a
+                              calibration of any dialect; optional times, poses, scans
   DRIVE.zip                   a zip of any of these
   bag:FILE[?left=TOPIC&right=TOPIC&lidar=TOPIC&truth=TOPIC]
                               ROS 1 or 2 bag, MCAP; topics are found where there is one choice

@@ -5,6 +5,7 @@ from __future__ import annotations
 from stereocalib_core.sources.format import Format
 from stereocalib_core.sources.formats import (
     archive,
+    bag,
     euroc,
     folder,
     kitti_360,
@@ -19,6 +20,7 @@ from stereocalib_core.sources.formats import (
 FORMATS: tuple[Format, ...] = (
     synthetic_drive.FORMAT,
     video.FORMAT,
+    bag.FORMAT,
     archive.FORMAT,
     kitti_pairs.FORMAT,
     kitti_odometry.FORMAT,

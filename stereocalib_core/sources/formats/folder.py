@@ -93,14 +93,15 @@ def open_sides(spec: Spec, sides: Sides, folder: Path, kind: str = "folder") -> 
         # one time a picture that is there: each frame has its own row
         pairs = Pairs(pairs.stems, tuple(range(len(pairs))), pairs.left, pairs.right, pairs.notices)
     poses_file = first_file(homes, POSES)
-    extrinsics_file = folder / "extrinsics_gt.csv"
+    extrinsics_file = first_file(homes, ("extrinsics_gt.csv",)) or folder / "extrinsics_gt.csv"
     notices = []
     if sides.said and (sides.left_place.name, sides.right_place.name) != ("left", "right"):
         notices.append(f"left and right pictures: {sides.said}")
     if found.files[0].name != "camera.yaml":
         names = ", ".join(path.name for path in found.files)
         notices.append(f"calibration from {names} ({found.calibration.dialect})")
-    T, scans = found.calibration.T_camera_lidar, scans_in(folder)
+    T = found.calibration.T_camera_lidar
+    scans = next((scans for home in homes if (scans := scans_in(home))), {})
     if scans and T is None:
         notices.append("LiDAR scans without T_camera_lidar in the calibration: left unused")
     files = [path for path in (times_file, poses_file) if path is not None]
