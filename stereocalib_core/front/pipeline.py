@@ -87,7 +87,13 @@ class FrontEnd:
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
 
     def step(self, frame: StereoFrame) -> FrameResult:
-        """One pair to its result; never raises for a bad frame."""
+        """One pair to its result; never raises for a bad frame.
+
+        A pair with a camera of its own, out of a set of single pairs, is looked at by itself: nothing of its
+        neighbours is its past, and it is none of theirs.
+        """
+        if frame.camera is not None and frame.camera != self.camera:
+            return FrontEnd(frame.camera, self.config).step(dataclasses.replace(frame, camera=None))
         result, _ = self._step(frame)
         return result
 
