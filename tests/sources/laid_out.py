@@ -351,8 +351,17 @@ def _store(ros2: bool) -> Any:
     return store
 
 
-def _topics(drive: Drive, ros2: bool, rectified: bool = True) -> list[tuple[str, str, int, Any]]:
-    """(topic, type, stamp, message) of everything in the drive."""
+def _topics(
+    drive: Drive,
+    ros2: bool,
+    rectified: bool = True,
+    calibration: StereoCalibration | None = None,
+    pictures: list[tuple[np.ndarray, np.ndarray]] | None = None,
+) -> list[tuple[str, str, int, Any]]:
+    """(topic, type, stamp, message) of everything in the drive.
+
+    calibration: what camera_info says instead of the rectified camera. pictures: instead of the drive's own.
+    """
     types = _store(ros2).types
     f, cx, cy, baseline = drive.camera
     name = "image_rect" if rectified else "image_raw"
@@ -388,9 +397,10 @@ def _topics(drive: Drive, ros2: bool, rectified: bool = True) -> list[tuple[str,
         )
     kind = "tf2_msgs/msg/TFMessage"
     out.append(("/tf_static", kind, drive.stamps_ns[0], types[kind](transforms=transforms)))
-    P_left, P_right = _P(drive)
+    infos = _infos(drive, calibration)
     for i, ns in enumerate(drive.stamps_ns):
-        for side, image, P in zip(("left", "right"), drive.grey(i), (P_left, P_right), strict=True):
+        both = drive.grey(i) if pictures is None else pictures[i]
+        for side, image, info_values in zip(("left", "right"), both, infos, strict=True):
             kind = "sensor_msgs/msg/Image"
             message = types[kind](
                 header=header(ns, f"camera_{side}", i),
@@ -404,8 +414,7 @@ def _topics(drive: Drive, ros2: bool, rectified: bool = True) -> list[tuple[str,
             out.append((f"/stereo/{side}/{name}", kind, ns, message))
             kind = "sensor_msgs/msg/CameraInfo"
             letters = "drkp" if ros2 else "DRKP"
-            D, R, K, P_ = np.zeros(5), np.eye(3).ravel(), P[:, :3].ravel(), P.ravel()
-            fields = dict(zip(letters, (D, R, K, P_), strict=False))
+            fields = dict(zip(letters, info_values, strict=True))
             region = types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
             info = types[kind](
                 header=header(ns, f"camera_{side}", i),
@@ -447,6 +456,34 @@ def _topics(drive: Drive, ros2: bool, rectified: bool = True) -> list[tuple[str,
         )
         out.append(("/ground_truth/odometry", kind, ns, odometry))
     return out
+
+
+def _infos(drive: Drive, calibration: StereoCalibration | None) -> list[tuple[np.ndarray, ...]]:
+    """D, R, K, P of the left and of the right camera_info."""
+    from stereocalib_core.sources.calibrations.rectify import completed
+
+    if calibration is None:
+        return [(np.zeros(5), np.eye(3).ravel(), P[:, :3].ravel(), P.ravel()) for P in _P(drive)]
+    whole = completed(calibration, "here")
+    assert whole.lenses is not None and whole.rectified is not None
+    sides = zip(
+        (whole.lenses.left, whole.lenses.right),
+        (whole.rectified.R_left, whole.rectified.R_right),
+        whole.rectified.projections(),
+        strict=True,
+    )
+    return [(np.append(lens.D, 0.0), R.ravel(), lens.K.ravel(), P.ravel()) for lens, R, P in sides]
+
+
+def bag_of(
+    root: Path,
+    drive: Drive,
+    calibration: StereoCalibration,
+    pictures: list[tuple[np.ndarray, np.ndarray]] | None,
+) -> str:
+    """An MCAP with this camera_info: of these raw pictures, or of the drive's as rectified ones."""
+    write_ros2(root / "drive", _topics(drive, True, pictures is None, calibration, pictures), mcap=True)
+    return f"bag:{root / 'drive'}"
 
 
 OPTICAL_WORLD = transform(OPTICAL, np.zeros(3))
@@ -589,3 +626,36 @@ MORE = {
     "ROS 2 bag, packed messages, image_raw": Layout(ros2_bag_raw, "whole", True, "absolute"),
     "MCAP, zstd": Layout(mcap_packed, "whole", True, "absolute"),
 }
+
+
+# --- a pair that is not rectified yet
+
+LENS_D = np.array([-0.12, 0.03, 6e-4, -8e-4])
+TURNED = rotation_x(np.deg2rad(0.6)) @ rotation_y(np.deg2rad(-0.8)) @ rotation_z(np.deg2rad(0.5))
+"""Of the right camera from the left one."""
+
+
+def unrectified(drive: Drive) -> tuple[list[np.ndarray], list[np.ndarray], StereoCalibration]:
+    """The drive as a lens with k1, k2, p1, p2 and a right camera that is turned would have seen it.
+
+    The raw picture is larger than the rectified one, as real ones are, so that rectifying it leaves no black edge.
+    """
+    from stereocalib_core.calibration import Lens, LensPair
+
+    f, cx, cy, baseline = drive.camera
+    width, height = drive.size
+    K = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
+    pixels = (
+        np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 1, 2).astype(np.float64)
+    )
+    maps = []
+    for R in (np.eye(3), TURNED):
+        seen = cv2.undistortPoints(pixels, K, LENS_D, R=R.T, P=K).reshape(height, width, 2).astype(np.float32)
+        maps.append(seen)
+    sides: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for i in range(len(drive)):
+        for side, image, seen in zip(sides, drive.grey(i), maps, strict=True):
+            side.append(cv2.remap(image, seen, None, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101))
+    lens = Lens(K, LENS_D)
+    pair = LensPair(lens, lens, TURNED, TURNED @ np.array([-baseline, 0.0, 0.0]), drive.size)
+    return sides[0], sides[1], StereoCalibration(pair, None, True)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
-from sources.laid_out import LAYOUTS, MORE, Drive, Layout, drive_of
+from sources.laid_out import LAYOUTS, MORE, Drive, Layout, bag_of, drive_of, unrectified
 
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.frames import FrameSource
+from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.run.drive import run_drive
 from stereocalib_core.sources import open_source
+from stereocalib_core.sources.calibrations import write_calibration
 from stereocalib_core.sources.lists import from_first
 
 FRAMES = 30
@@ -67,3 +74,106 @@ def test_every_format_delivers_the_same(tmp_path: Path, drive_06: Drive, name: s
         pytest.importorskip("rosbags")
     spec = ALL[name].write(tmp_path, drive_06)
     check(open_source(spec), drive_06, ALL[name])
+
+
+RUN_FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def reference_run(tmp_path_factory: pytest.TempPathFactory, drive_06: Drive) -> tuple[list[list[str]], str]:
+    return _run(tmp_path_factory.mktemp("reference"), drive_06, "KITTI odometry")
+
+
+def _run(place: Path, drive: Drive, name: str) -> tuple[list[list[str]], str]:
+    """Rows of extrinsics.csv without their times, and the trajectory."""
+    short = dataclasses.replace(
+        drive,
+        **{key: getattr(drive, key)[:RUN_FRAMES] for key in ("left", "right", "stamps_ns", "poses", "scans")},
+    )
+    spec = ALL[name].write(place / "drive", short)
+    run_drive(spec, place / "out")
+    with (place / "out" / "extrinsics.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    times = rows[0].index("timestamp_s")
+    return [row[:times] + row[times + 1 :] for row in rows], (place / "out" / "trajectory.txt").read_text()
+
+
+@pytest.mark.parametrize("name", ["EuRoC / ASL", "KITTI raw, colour", "Zip", "MCAP"])
+def test_every_number_of_a_run_is_the_same(
+    tmp_path: Path, drive_06: Drive, reference_run: tuple[list[list[str]], str], name: str
+) -> None:
+    rows, trajectory = _run(tmp_path, drive_06, name)
+    assert len(rows) == RUN_FRAMES + 1
+    assert rows == reference_run[0]
+    assert trajectory == reference_run[1]
+
+
+def _measured(source: FrameSource) -> np.ndarray:
+    """(N, 3) height [m], pitch, roll [deg]."""
+    front_end = FrontEnd(source.camera, PipelineConfig())
+    rows = []
+    for i in range(len(source)):
+        road = front_end.step(source[i]).road
+        assert road is not None
+        rows.append(
+            (
+                road.extrinsics.height_m,
+                np.rad2deg(road.extrinsics.pitch_rad),
+                np.rad2deg(road.extrinsics.roll_rad),
+            )
+        )
+    return np.array(rows)
+
+
+def test_unrectified_pairs_measure_as_rectified_ones(tmp_path: Path, drive_06: Drive) -> None:
+    """A lens with k1, k2, p1, p2 and a right camera that is turned by 1.1 deg, in every dialect."""
+    left, right, calibration = unrectified(drive_06)
+    specs = {}
+    for dialect, name in (
+        ("yaml", "camera.yaml"),
+        ("opencv", "stereo.xml"),
+        ("ros", "calib"),
+        ("kalibr", "chain.yaml"),
+    ):
+        place = tmp_path / dialect
+        for side, pictures in (("left", left), ("right", right)):
+            (place / side).mkdir(parents=True)
+            for i, image in enumerate(pictures):
+                assert cv2.imwrite(str(place / side / f"{i:04d}.png"), image)
+        write_calibration(calibration, dialect, place / name)
+        specs[dialect] = str(place)
+    sources = {dialect: open_source(spec) for dialect, spec in specs.items()}
+    for source in sources.values():
+        assert any("rectified while reading" in note for note in source.notices)
+        np.testing.assert_allclose(source.camera.focal_px, sources["yaml"].camera.focal_px, rtol=1e-9)
+        for a, b in zip(
+            (source[7].left, source[7].right),
+            (sources["yaml"][7].left, sources["yaml"][7].right),
+            strict=True,
+        ):
+            assert a is not None and b is not None
+            assert np.abs(a.astype(int) - b).max() <= 1
+    rectified = _measured(open_source(LAYOUTS["Plain folder"].write(tmp_path / "rectified", drive_06)))
+    difference = np.abs(np.median(_measured(sources["ros"]) - rectified, axis=0))
+    assert difference[0] < 0.005
+    assert difference[1] < 0.03
+    assert difference[2] < 0.03
+
+
+def test_rectified_pictures_are_told_from_raw_ones(tmp_path: Path, drive_06: Drive) -> None:
+    """The same camera_info in a bag: topics called image_rect are left as they are, image_raw are rectified."""
+    pytest.importorskip("rosbags")
+    short = dataclasses.replace(
+        drive_06,
+        **{key: getattr(drive_06, key)[:3] for key in ("left", "right", "stamps_ns", "poses", "scans")},
+    )
+    left, right, calibration = unrectified(short)
+    for name, raw in (("raw", True), ("rect", False)):
+        spec = bag_of(
+            tmp_path / name, short, calibration, list(zip(left, right, strict=True)) if raw else None
+        )
+        source = open_source(spec)
+        assert any("rectified while reading" in note for note in source.notices) is raw
+        frame = source[1]
+        assert frame.left is not None
+        assert np.array_equal(frame.left, short.grey(1)[0]) is not raw
