@@ -18,9 +18,8 @@ from stereocalib_app.cli.main import main
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front import pipeline
-from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import Drive, FrameResult, RoadEstimate
+from stereocalib_core.results import Drive, FrameResult, FrontEndMemory, RoadEstimate
 
 ONE_LINE = re.compile(r"stereocalib: error: [^:\n]+: .+: .+\n")
 
@@ -34,6 +33,9 @@ class FakeFrontEnd:
 
     def __init__(self, *_: object) -> None:
         pass
+
+    def look(self, frame: StereoFrame) -> pipeline.Look:
+        return pipeline.Look(self.step(frame))
 
     def step(self, frame: StereoFrame) -> FrameResult:
         if frame.index == self.interrupt_at:

@@ -21,9 +21,10 @@ from stereocalib_core.back.odometry.packing import pack_tracks
 from stereocalib_core.back.odometry.trajectory import TrajectorySettings, trajectory
 from stereocalib_core.config import Method, PipelineConfig
 from stereocalib_core.frames import FrameSource, StereoFrame
-from stereocalib_core.front.pipeline import FrontEnd, look_at_pair
+from stereocalib_core.front.pipeline import look_at_pair
 from stereocalib_core.results import FrameResult, Tracks
-from stereocalib_core.sources import open_source, prefetch
+from stereocalib_core.run.calibrate import follow
+from stereocalib_core.sources import open_source
 
 CALLS = 20
 DEFAULT_SOURCE = "synthetic:town?frames=60"
@@ -60,12 +61,12 @@ def _chain(source: FrameSource, method: Method, frames: Sequence[int]) -> Callab
 
 def _throughput_ms(source: FrameSource, frames: int) -> tuple[float, list[FrameResult]]:
     """Milliseconds per frame of the whole front end, reading ahead as `run` does; and the results."""
-    front_end = FrontEnd(source.camera, PipelineConfig())
-    results = [front_end.step(frame) for frame in prefetch(source, 0, min(4, frames))]
-    began = time.perf_counter()
-    for frame in prefetch(source, len(results), frames):
-        results.append(front_end.step(frame))
-    return 1e3 * (time.perf_counter() - began) / max(frames - min(4, frames), 1), results
+    first, began, results = min(4, frames), time.perf_counter(), []
+    for step in follow(source, PipelineConfig(), 0, frames):
+        results.append(step.done.result)
+        if len(results) == first:
+            began = time.perf_counter()
+    return 1e3 * (time.perf_counter() - began) / max(frames - first, 1), results
 
 
 def _recompute_ms(source: FrameSource, results: list[FrameResult], frames: int) -> float:

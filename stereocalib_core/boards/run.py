@@ -19,6 +19,23 @@ from stereocalib_core.errors import OutputError, SourceError
 Progress = Callable[[str, int, int], None]
 
 
+def calibrate_boards(
+    folder: str | Path,
+    *,
+    pairs: list[str] | None = None,
+    exclude: list[str] | None = None,
+    cropped: bool = False,
+    with_intrinsics: bool = False,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Where a LiDAR stands to a camera, from a folder of pictures and clouds of a chessboard.
+
+    pairs, exclude: names of the pairs to take or to leave; None = all. cropped: take `clouds_cropped/`.
+    with_intrinsics: refine the camera's own calibration too. Raises SourceError or ConfigError (one line).
+    """
+    return _solved(Path(folder), pairs, exclude, cropped, progress, with_intrinsics)[1]
+
+
 def run(
     folder: Path,
     out: Path,
@@ -33,15 +50,28 @@ def run(
     `out` must exist. A result whose `degenerate` is True is written too: the caller decides how to warn.
     Raises SourceError or ConfigError (one line) before anything is written when the input cannot be used.
     """
+    found, result = _solved(folder, pairs, exclude, cropped, progress, with_intrinsics)
+    report.write(result, out / "calibration.json", found.estimated_rms_px)
+    write_pictures(found, result, out, progress)
+    return result
+
+
+def _solved(
+    folder: Path,
+    pairs: list[str] | None,
+    exclude: list[str] | None,
+    cropped: bool,
+    progress: Progress | None,
+    with_intrinsics: bool,
+) -> tuple[Detection, Calibration]:
+    """What was seen, and what it says."""
     found = detect(open_folder(folder, pairs, exclude, cropped), progress)
     if progress is not None:
         progress("solving", 0, 1)
     result = calibrate(found.observations, found.board, found.camera, with_intrinsics=with_intrinsics)
     if progress is not None:
         progress("solving", 1, 1)
-    report.write(result, out / "calibration.json", found.estimated_rms_px)
-    write_pictures(found, result, out, progress)
-    return result
+    return found, result
 
 
 def write_pictures(

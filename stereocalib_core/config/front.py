@@ -13,6 +13,8 @@ from stereocalib_core.config.strict import STRICT
 class DisparityConfig:
     """Dense matching. `scale` 2 matches at half resolution, 1 at full."""
 
+    matcher: str = "sgbm"
+    """Which matcher: a name in `front.matching.MATCHERS`, or MODULE:NAME of a Python module."""
     scale: Literal[1, 2] = 2
     max_disparity_px: int = 128
     """Largest disparity searched, in full-resolution pixels."""

@@ -15,11 +15,10 @@ from stereocalib_core.back.evaluation import common_frames, errors_along
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
-from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import Drive, OdometryErrors
+from stereocalib_core.run.calibrate import follow as follow_frames
 from stereocalib_core.sources import open_source
-from stereocalib_core.sources.prefetch import prefetch
 
 DEFAULT_SOURCE = "synthetic:town"
 
@@ -66,10 +65,9 @@ def follow(
 ) -> tuple[Drive, Workings]:
     """Every frame through the front end, then the back end over the whole drive."""
     config = PipelineConfig()
-    front_end = FrontEnd(source.camera, config)
     results = []
-    for frame in prefetch(source, 0, len(source)):
-        results.append(front_end.step(frame))
+    for step in follow_frames(source, config):
+        results.append(step.done.result)
         if progress is not None:
             progress(len(results), len(source), "odometry")
     return analyse_openly(results, source.camera, config, source.ground_truth)

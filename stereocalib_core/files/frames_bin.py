@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason, OutputError
-from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import (
     Check,
     FrameResult,
+    FrontEndMemory,
     RectificationSample,
     RoadEstimate,
     RoadResidual,

@@ -27,13 +27,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import OutputError
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.front.matching import compute
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera, horizon
-from stereocalib_core.results import TO_DEGREES, Drive, FrameResult, LidarShift, Shift
+from stereocalib_core.results import TO_DEGREES, DisparityMap, Drive, FrameResult, LidarShift, Shift
 
 APPLICATION = "stereocalib"
 AXES = ("height_m", "pitch_deg", "roll_deg")
@@ -49,13 +46,13 @@ VIEWER_TIMEOUT_S, VIEWER_SETTLE_S, FLUSH_TIMEOUT_S = 10.0, 2.0, 30.0
 class Recorder:
     """Sends frames and the analysed drive to one Rerun recording: a file, or a viewer when `path` is None."""
 
-    def __init__(self, camera: StereoCamera, config: DisparityConfig, name: str, path: Path | None) -> None:
+    def __init__(self, camera: StereoCamera, name: str, path: Path | None) -> None:
         # What fails is raised here in one line; Rerun would write its own log to stderr besides.
         os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
         self._rr = rr
-        self._camera, self._config = camera, config
+        self._camera = camera
         self._path = path
         self._temporary = None if path is None else path.with_name(f".{path.name}.{os.getpid()}.tmp")
         self._stream = rr.RecordingStream(APPLICATION)
@@ -105,16 +102,18 @@ class Recorder:
             dots = rr.SeriesPoints(colors=[RAW], names=["raw"], marker_sizes=[2.0])
             self._stream.log(f"extrinsics/{axis}/raw", dots, static=True)
 
-    def frame(self, frame: StereoFrame, result: FrameResult) -> None:
-        """One frame: pictures, road, this pair's own numbers, and its failure if it has one."""
+    def frame(self, frame: StereoFrame, result: FrameResult, disparity: DisparityMap | None) -> None:
+        """One frame: pictures, road, this pair's own numbers, and its failure if it has one.
+
+        disparity: as it was matched for the result; None = it was not.
+        """
         rr, stream = self._rr, self._stream
         stream.set_time("frame", sequence=result.frame)
         stream.set_time("time", duration=result.timestamp_s)
         if frame.left is not None:
             picture = rr.EncodedImage(contents=jpeg(frame.left, PICTURE_QUALITY), media_type="image/jpeg")
             stream.log("world/camera/image", picture)
-        if frame.left is not None and frame.right is not None:
-            disparity = compute(frame.left, frame.right, self._camera, self._config)
+        if disparity is not None:
             coloured = jpeg(colour_disparity(disparity), DISPARITY_QUALITY)
             stream.log("disparity", rr.EncodedImage(contents=coloured, media_type="image/jpeg"))
         if result.road is None:

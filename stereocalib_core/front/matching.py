@@ -1,20 +1,107 @@
-"""Dense disparity of a rectified pair by semi-global matching, with exact pixel centres."""
+"""Dense disparity of a rectified pair: what a matcher is, which ones there are by name, and ours.
+
+Ours is OpenCV's semi-global matching, with exact pixel centres.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import importlib
 import threading
+from collections import OrderedDict
+from collections.abc import Hashable
+from concurrent.futures import Future
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import DisparityConfig
-from stereocalib_core.front.road.stages import DisparityMap
+from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.arrays import Grey
+from stereocalib_core.results import DisparityMap
 
 _SUBPIXEL = 16.0
+
+
+class Matcher(Protocol):
+    """Gives the dense disparity of a rectified pair. Safe from several threads, and the same for the same pair.
+
+    left, right: (H, W) uint8 grey. The map holds geometric disparity in full-resolution pixels (the camera's
+    `disparity_offset_px` taken off), NaN where there is none, on a grid of whole picture pixels.
+    step: picture pixels per cell that are wished, farthest_px: the largest disparity that is needed; None = as
+    `config` has it. A matcher may do better than either.
+    """
+
+    def __call__(
+        self,
+        left: Grey,
+        right: Grey,
+        camera: StereoCamera,
+        config: DisparityConfig,
+        step: int | None = None,
+        farthest_px: float | None = None,
+    ) -> DisparityMap: ...
+
+
+def find_matcher(name: str) -> Matcher:
+    """A matcher by its name in `MATCHERS`, or by `MODULE:NAME` of a Python module; raises ConfigError."""
+    if name in MATCHERS:
+        return MATCHERS[name]
+    module, _, attribute = name.partition(":")
+    known = f"known are {' '.join(MATCHERS)}, and MODULE:NAME of a Python module"
+    if not attribute:
+        raise ConfigError("unknown matcher", name, known)
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError("matcher cannot be loaded", name, f"{error}; {known}") from error
+    matcher: Matcher = found() if isinstance(found, type) else found
+    if not callable(matcher):
+        raise ConfigError("no matcher", name, "name a class or a function that takes a pair")
+    return matcher
+
+
+class MatchedOnce:
+    """A matcher that remembers its latest maps: several who look at one pair share one. Safe from any thread."""
+
+    def __init__(self, matcher: Matcher, maps: int = 48) -> None:
+        self._matcher, self._most = matcher, maps
+        self._maps: OrderedDict[Hashable, Future[DisparityMap]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(
+        self,
+        left: Grey,
+        right: Grey,
+        camera: StereoCamera,
+        config: DisparityConfig,
+        step: int | None = None,
+        farthest_px: float | None = None,
+    ) -> DisparityMap:
+        """The map of the pair, made by the first who asks."""
+        pictures = [hashlib.blake2b(p.tobytes(), digest_size=16).digest() for p in (left, right)]
+        key = (*pictures, left.shape, camera, config, step, farthest_px)
+        with self._lock:
+            found = self._maps.get(key)
+            mine: Future[DisparityMap] = Future()
+            if found is None:
+                self._maps[key] = mine
+                while len(self._maps) > self._most:
+                    self._maps.popitem(last=False)
+        if found is not None:
+            return found.result()
+        try:
+            mine.set_result(self._matcher(left, right, camera, config, step, farthest_px))
+        except BaseException as error:
+            mine.set_exception(error)
+            with self._lock:
+                self._maps.pop(key, None)
+            raise
+        return mine.result()
 
 
 @lru_cache(maxsize=16)
@@ -40,15 +127,21 @@ def half_size(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def compute(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], camera: StereoCamera, config: DisparityConfig
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    config: DisparityConfig,
+    step: int | None = None,
+    farthest_px: float | None = None,
 ) -> DisparityMap:
-    """(H, W) uint8 grey images to a `DisparityMap` of geometric disparity in full-resolution pixels."""
-    step = config.scale
+    """The `Matcher` by semi-global matching, at half or full resolution."""
+    step = step or config.scale
+    farthest_px = farthest_px or config.max_disparity_px
     if step == 2:
         left, right = half_size(left), half_size(right)
     offset = camera.disparity_offset_px
     first = int(np.floor(offset / step))
-    wanted = int(np.ceil(config.max_disparity_px / step / 16)) * 16
+    wanted = int(np.ceil(farthest_px / step / 16)) * 16
     # The matcher needs some columns that see the whole search range; narrow pictures are searched less far.
     count = min(wanted, (left.shape[1] - abs(first) - 8) // 16 * 16)
     if count < 16:
@@ -60,3 +153,7 @@ def compute(
     values -= np.float32(offset)
     values[raw <= first * int(_SUBPIXEL)] = np.nan
     return DisparityMap(values, step)
+
+
+MATCHERS: dict[str, Matcher] = {"sgbm": compute}
+"""The matchers by the names that settings and `--matcher` give them."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
 from stereocalib_core.front.road.estimate import RoadResult, begin_road, estimate_road, finish_road
 from stereocalib_core.front.road.stages import RoadStages
@@ -24,7 +25,7 @@ from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.numeric.threads import shared_pool
-from stereocalib_core.results import Check, FrameResult, RoadEstimate, Tracks
+from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
 
 NOMINAL = Extrinsics(1.65, 0.0, 0.0)
 """Where tracks start from until a first pair shows the road."""
@@ -37,11 +38,11 @@ def _same(a: Grey | None, b: Grey | None) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class FrontEndMemory:
-    """tracked: index of the pair that the next tracks start from. motion: (6,) into it per frame, or None."""
+class Look:
+    """One frame's result, and all that its pair gave on the way, for whoever draws it; None where nobody looked."""
 
-    tracked: int | None
-    motion: NDArray[np.float64] | None
+    result: FrameResult
+    road: RoadResult | None = None
 
 
 def curvature_of(motion: NDArray[np.float64] | None) -> float:
@@ -52,7 +53,7 @@ def curvature_of(motion: NDArray[np.float64] | None) -> float:
 
 
 def look_at_pair(
-    camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig
+    camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig, matcher: Matcher | None = None
 ) -> tuple[Examination, RoadResult, dict[str, float]]:
     """The pair's check of its own rows and its road, and the stages' ms.
 
@@ -63,7 +64,7 @@ def look_at_pair(
         began = time.perf_counter()
         return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
 
-    begun = begin_road(left, right, camera, config)
+    begun = begin_road(left, right, camera, config, matcher)
     rows = shared_pool("row-check", 2).submit(check_rows)
     road = finish_road(begun, left, right, camera, config)
     examined, took = rows.result()
@@ -73,45 +74,53 @@ def look_at_pair(
 class FrontEnd:
     """Looks at the pixels of each frame once, in order. Keeps the previous pair for the tracks.
 
+    matcher: gives the dense disparity; None = the one that `config` names.
     T_camera_lidar: (4, 4) where frames carry LiDAR scans; without it the scans are left alone.
     """
 
     def __init__(
-        self, camera: StereoCamera, config: PipelineConfig, T_camera_lidar: NDArray[np.float64] | None = None
+        self,
+        camera: StereoCamera,
+        config: PipelineConfig,
+        matcher: Matcher | None = None,
+        T_camera_lidar: NDArray[np.float64] | None = None,
     ) -> None:
         self.camera = camera
         self.config = config
+        self.matcher = matcher or find_matcher(config.disparity.matcher)
         self.T_camera_lidar = T_camera_lidar
         self._tracker = TrackerState()
         self._road = NOMINAL
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
 
     def step(self, frame: StereoFrame) -> FrameResult:
-        """One pair to its result; never raises for a bad frame.
+        """One pair to its result; never raises for a bad frame."""
+        return self.look(frame).result
+
+    def look(self, frame: StereoFrame) -> Look:
+        """`step` with what it saw on the way.
 
         A pair with a camera of its own, out of a set of single pairs, is looked at by itself: nothing of its
         neighbours is its past, and it is none of theirs.
         """
         if frame.camera is not None and frame.camera != self.camera:
-            return FrontEnd(frame.camera, self.config).step(dataclasses.replace(frame, camera=None))
-        result, _ = self._step(frame)
-        return result
-
-    def _step(self, frame: StereoFrame) -> tuple[FrameResult, RoadResult | None]:
+            own = FrontEnd(frame.camera, self.config, self.matcher)
+            return own.look(dataclasses.replace(frame, camera=None))
         left, right = frame.left, frame.right
         if frame.failure is not None or left is None or right is None:
             missing = frame.failure or Failure(FailureReason.UNREADABLE, "no pictures")
-            return FrameResult(frame.index, frame.timestamp_s, None, missing), None
+            return Look(FrameResult(frame.index, frame.timestamp_s, None, missing))
         failure = self._frozen(left, right)
         if failure is not None:
-            return FrameResult(frame.index, frame.timestamp_s, None, failure), None
-        examined, road, timing = look_at_pair(self.camera, left, right, self.config)
+            return Look(FrameResult(frame.index, frame.timestamp_s, None, failure))
+        examined, road, timing = look_at_pair(self.camera, left, right, self.config, self.matcher)
         sample, checks = examined.sample, examined.checks
         if examined.failure is not None:
-            return FrameResult(
+            failed = FrameResult(
                 frame.index, frame.timestamp_s, None, examined.failure, rectification=sample, checks=checks,
                 timing_ms=MappingProxyType(timing),
-            ), None  # fmt: skip
+            )  # fmt: skip
+            return Look(failed, road)
         began = time.perf_counter()
         tracks = self._track(frame.index, left, right, road)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
@@ -123,7 +132,7 @@ class FrontEnd:
             frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
-        return self._with_lidar(frame, result, road), road
+        return Look(self._with_lidar(frame, result, road), road)
 
     def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
         """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
@@ -192,7 +201,8 @@ class FrontEnd:
         """Every intermediate picture of one pair, for display; None where there is no disparity to show."""
         if frame.left is None or frame.right is None or frame.failure is not None:
             return None
-        return road_stages(estimate_road(frame.left, frame.right, self.camera, self.config), self.config)
+        road = estimate_road(frame.left, frame.right, self.camera, self.config, self.matcher)
+        return road_stages(road, self.config)
 
 
 def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:

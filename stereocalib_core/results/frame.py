@@ -40,6 +40,27 @@ class Check:
 
 
 @dataclass(frozen=True)
+class DisparityMap:
+    """Dense disparity on a grid that may be coarser than the image.
+
+    values: (h, w) float32, geometric disparity in full-resolution pixels, NaN = invalid.
+    step_px: image pixels per grid cell; cell (column j, row i) is centred on image point
+        u = (j + 0.5) step - 0.5, v = (i + 0.5) step - 0.5.
+    """
+
+    values: NDArray[np.float32]
+    step_px: int
+
+    def columns_u(self) -> NDArray[np.float64]:
+        """(w,) image u [px] of the cell centres."""
+        return (np.arange(self.values.shape[1], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
+
+    def rows_v(self) -> NDArray[np.float64]:
+        """(h,) image v [px] of the cell centres."""
+        return (np.arange(self.values.shape[0], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
+
+
+@dataclass(frozen=True)
 class RoadEstimate:
     """The road as one stereo pair shows it.
 
@@ -148,6 +169,17 @@ class FrameResult:
     def reason(self) -> str:
         """The failure's name, or empty."""
         return "" if self.failure is None else str(self.failure.reason)
+
+
+@dataclass(frozen=True)
+class FrontEndMemory:
+    """What the next frame depends on, small enough to be kept beside every result.
+
+    tracked: index of the pair that the next tracks start from. motion: (6,) into it per frame, or None.
+    """
+
+    tracked: int | None
+    motion: NDArray[np.float64] | None
 
 
 def estimates(results: Sequence[FrameResult]) -> NDArray[np.float64]:

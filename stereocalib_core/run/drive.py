@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,20 +15,19 @@ from numpy.typing import NDArray
 from stereocalib_core import __version__
 from stereocalib_core import config as settings
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
+from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import RESULT_FILES, load_run, write_run
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
-from stereocalib_core.results import Drive, FrameResult, Rig, Timing, Tolerance
-from stereocalib_core.sources import open_source, prefetch
+from stereocalib_core.results import DisparityMap, Drive, FrameResult, Rig, Tolerance
+from stereocalib_core.run.calibrate import Progress, cut_truth, follow, frame_range, told
+from stereocalib_core.sources import open_source
 
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
 """What a finished run keeps of every frame, tracks included, so that a page can go on from there."""
 FILES = (*RESULT_FILES, "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
-Progress = Callable[[int, int, str], None]
-"""Called with frames done, frames in all, and what is being done."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -41,8 +40,8 @@ class Interrupted(KeyboardInterrupt):
 class Observer(Protocol):
     """Whoever wants to see a run while it happens. Changes nothing in it."""
 
-    def frame(self, frame: StereoFrame, result: FrameResult) -> None:
-        """A frame is done."""
+    def frame(self, frame: StereoFrame, result: FrameResult, disparity: DisparityMap | None) -> None:
+        """A frame is done. disparity: as it was matched for the result."""
 
     def drive(self, drive: Drive, truth: NDArray[np.float64] | None) -> None:
         """The whole drive is analysed."""
@@ -146,17 +145,6 @@ def _finished(job: Job) -> Drive | None:
     return load_run(job.out)
 
 
-def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:
-    """First frame and the one after the last; raises ConfigError when no frame is left."""
-    start = 0 if frames[0] is None else frames[0]
-    stop = count if frames[1] is None else frames[1]
-    if start >= count > 0:
-        raise ConfigError("range of frames outside the drive", f"{start}:{stop}", f"it has {count} frames")
-    if not 0 <= start < stop:
-        raise ConfigError("empty range of frames", f"{start}:{stop}", "write A:B with A < B")
-    return start, min(stop, count)
-
-
 def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None) -> Drive:
     """All of it. `done`: frames of an earlier run, to which this one's are added as they are finished."""
     earlier = list(done)
@@ -170,10 +158,12 @@ def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None
         for observer in _observers(job):
             observers.append(observer)
         for finished in earlier if observers else ():
-            _show(observers, job.source[finished.result.frame], finished.result)
-        for frame, finished in _front_end(job, earlier):
-            done.append(checkpoint.append(finished))
-            _show(observers, frame, done[-1].result)
+            frame = job.source[finished.result.frame]
+            _show(observers, frame, finished.result, _matched(job, frame))
+        for step in follow(job.source, job.config, job.start, job.stop, earlier):
+            done.append(checkpoint.append(step.done))
+            road = step.look.road
+            _show(observers, step.frame, done[-1].result, None if road is None else road.disparity)
             if progress:
                 progress(len(done), job.stop - job.start, "frames")
         elapsed_s = time.perf_counter() - began + 1e-3 * sum(d.total_ms for d in earlier)
@@ -206,69 +196,32 @@ def _observers(job: Job) -> Iterator[Observer]:
     from stereocalib_core.files.rrd import Recorder
 
     for path in [job.out / "recording.rrd"] * job.record + [None] * job.show:
-        yield Recorder(job.source.camera, job.config.disparity, job.source.name, path)
+        yield Recorder(job.source.camera, job.source.name, path)
 
 
-def _show(observers: list[Observer], frame: StereoFrame, result: FrameResult) -> None:
+def _show(
+    observers: list[Observer], frame: StereoFrame, result: FrameResult, disparity: DisparityMap | None
+) -> None:
     for observer in observers:
-        observer.frame(frame, result)
+        observer.frame(frame, result, disparity)
 
 
-def _front_end(job: Job, earlier: list[Done]) -> Iterator[tuple[StereoFrame, Done]]:
-    """The frames that are still to be done, one by one."""
-    from stereocalib_core.front.pipeline import FrontEnd
+def _matched(job: Job, frame: StereoFrame) -> DisparityMap | None:
+    """The disparity of a frame that was done by a run before this one."""
+    from stereocalib_core.front.matching import find_matcher
 
-    front_end = FrontEnd(job.source.camera, job.config, job.source.T_camera_lidar)
-    if earlier:
-        recall(front_end, job.source, earlier)
-    before = time.perf_counter()
-    for frame in prefetch(job.source, job.start + len(earlier), job.stop):
-        result = front_end.step(frame)
-        now = time.perf_counter()
-        yield frame, Done(result, front_end.memory, 1e3 * (now - before))
-        before = time.perf_counter()
+    if frame.left is None or frame.right is None:
+        return None
+    config = job.config.disparity
+    return find_matcher(config.matcher)(frame.left, frame.right, job.source.camera, config)
 
 
-def recall(front_end: Any, source: FrameSource, earlier: list[Done]) -> None:
-    """Bring a new front end to where it was after `earlier`, by looking once more at the last frames of it."""
-    last = earlier[-1].result.frame
-    memory = earlier[-1].memory
-    first = memory.tracked
-    again: list[StereoFrame] = []
-    for index in range(last, earlier[0].result.frame - 1, -1):
-        frame = source[index]
-        again.insert(0, frame)
-        if index == first or (first is None and frame.failure is None):
-            break
-    before = [d.result.road for d in earlier if d.result.frame < again[0].index and d.result.road is not None]
-    front_end.recall(again, before[-1].extrinsics if before else None, memory)
+def _told(drive: Drive, job: Job, done: list[Done], elapsed_s: float) -> Drive:
+    """The drive with what only its run knows."""
+    return dataclasses.replace(told(drive, job.spec, job.source, done, elapsed_s), limits=job.tolerances)
 
 
 def _analyse(results: list[FrameResult], job: Job, truth: GroundTruth | None) -> Drive:
     from stereocalib_core.back.analyse import analyse
 
     return analyse(results, job.source.camera, job.config, truth, job.rig)
-
-
-def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth | None:
-    """The truth of frames start...stop - 1, poses seen from the first of them."""
-    if truth is None:
-        return None
-    from stereocalib_core.sources.lists import from_first
-
-    return dataclasses.replace(
-        truth,
-        poses=None if truth.poses is None else from_first(truth.poses[start:stop]),
-        extrinsics=None if truth.extrinsics is None else truth.extrinsics[start:stop],
-    )
-
-
-def _told(drive: Drive, job: Job, done: list[Done], elapsed_s: float) -> Drive:
-    """The drive with what only its run knows."""
-    return dataclasses.replace(
-        drive,
-        source=job.spec,
-        limits=job.tolerances,
-        timing=Timing.of([d.result for d in done], elapsed_s, [d.total_ms for d in done]),
-        notices=tuple(job.source.notices),
-    )

@@ -14,9 +14,9 @@ from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
-from stereocalib_core.front.pipeline import FrontEndMemory
+from stereocalib_core.front import pipeline
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.results import FrameResult, RoadEstimate
+from stereocalib_core.results import FrameResult, FrontEndMemory, RoadEstimate
 
 CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)
 
@@ -28,6 +28,9 @@ class Pretender:
 
     def __init__(self, *_: Any) -> None:
         self.seen: list[int] = []
+
+    def look(self, frame: StereoFrame) -> pipeline.Look:
+        return pipeline.Look(self.step(frame))
 
     def step(self, frame: StereoFrame) -> FrameResult:
         assert not self.seen or frame.index == self.seen[-1] + 1
@@ -46,6 +49,7 @@ class Pretender:
 @pytest.fixture(autouse=True)
 def _pretend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "FrontEnd", Pretender)
+    monkeypatch.setattr(pipeline, "FrontEnd", Pretender)
 
 
 def drive(count: int, fails_at: int | None = None) -> Recording:

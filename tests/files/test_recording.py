@@ -20,6 +20,7 @@ from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.files.rrd import Recorder, _listening, horizon_line, road_grid
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front.matching import compute
 from stereocalib_core.geometry import Extrinsics, StereoCamera, transform
 from stereocalib_core.results import (
     Drive,
@@ -45,14 +46,18 @@ COUNT, BAD = 8, 5
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eight frames, the sixth of which failed; the first is number 3 of its drive."""
     path = tmp_path_factory.mktemp("rrd") / "recording.rrd"
-    recorder = Recorder(CAMERA, DisparityConfig(), "test", path)
+    recorder = Recorder(CAMERA, "test", path)
     road = RoadEstimate(POSE, np.diag([1e-4, 1e-7, 1e-7]), 99, 0.5, (5.0, 30.0))
     results = []
     for i in range(COUNT):
         failure = Failure(FailureReason.DARK, "mean grey 3") if i == BAD else None
         result = FrameResult(3 + i, i / 10, None if failure else road, failure)
         picture = np.random.default_rng(i).integers(0, 255, (240, 640)).astype(np.uint8)
-        recorder.frame(StereoFrame(3 + i, i / 10, picture, picture), result)
+        recorder.frame(
+            StereoFrame(3 + i, i / 10, picture, picture),
+            result,
+            compute(picture, picture, CAMERA, DisparityConfig()),
+        )
         results.append(result)
     values = np.tile([1.64, np.deg2rad(0.7), np.deg2rad(-0.3)], (COUNT, 1))
     covariance = np.tile(np.diag([0.01**2, 1e-8, 1e-8]), (COUNT, 1, 1))

@@ -21,11 +21,11 @@ from drive_writer import odometry_drive
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, read_checkpoint, read_frames
-from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import (
     Check,
     FrameResult,
+    FrontEndMemory,
     Measured,
     RectificationSample,
     Rig,
@@ -302,7 +302,7 @@ def test_ctrl_c_before_the_first_frame_leaves_nothing(
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stereocalib_core.front.pipeline.FrontEnd.step", stopped)
+    monkeypatch.setattr("stereocalib_core.front.pipeline.FrontEnd.look", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_drive(SMALL_PLANE, tmp_path / "out")
     assert not (tmp_path / "out").exists()

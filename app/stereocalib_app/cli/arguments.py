@@ -320,6 +320,12 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "paper: v-disparity line and roll at fixed disparity",
     )
     method.add_argument(
+        "--matcher",
+        metavar="NAME",
+        default=None,
+        help="what gives the dense disparity: sgbm (default), or MODULE:NAME of a Python module",
+    )
+    method.add_argument(
         "--config", type=Path, metavar="FILE", help="settings (YAML or JSON), any part of config.json"
     )
     method.add_argument(

@@ -76,6 +76,9 @@ def run(arguments: argparse.Namespace) -> str | None:
     config = settings.load(arguments.config) if arguments.config else settings.PipelineConfig()
     if arguments.method:
         config = dataclasses.replace(config, method=arguments.method)
+    if arguments.matcher:
+        disparity = dataclasses.replace(config.disparity, matcher=arguments.matcher)
+        config = dataclasses.replace(config, disparity=disparity)
     rig = read_rig(arguments.rig) if arguments.rig else None
     tolerances = read_tolerances(arguments.tolerance) if arguments.tolerance else None
     source = _with_calibration(arguments.source, arguments)

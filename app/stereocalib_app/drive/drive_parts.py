@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from stereocalib_core.frames import FrameSource, Recording, StereoFrame
 from stereocalib_core.results import Drive, Tolerance
-from stereocalib_core.run.drive import cut_truth
+from stereocalib_core.run.calibrate import cut_truth
 
 Limits = Mapping[str, Tolerance]
 NO_LIMITS: Limits = MappingProxyType({})

@@ -15,9 +15,8 @@ from stereocalib_core.errors import Failure, FailureReason, StereoCalibError
 from stereocalib_core.files.frames_bin import Done, read_frames
 from stereocalib_core.files.run_folder import CONFIG, load_run
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
-from stereocalib_core.front.pipeline import FrontEndMemory
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.results import Drive
+from stereocalib_core.results import Drive, FrontEndMemory
 from stereocalib_core.run.drive import FRAMES
 from stereocalib_core.sources import open_source
 

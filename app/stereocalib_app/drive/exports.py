@@ -96,11 +96,13 @@ def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes
     from stereocalib_core.files.rrd import Recorder
 
     def write(path: Path) -> None:
-        recorder = Recorder(session.source.camera, session.config.disparity, session.source.name, path)
+        recorder = Recorder(session.source.camera, session.source.name, path)
         done = False
         try:
             for result in snapshot.results:
-                recorder.frame(session.source[result.frame], result)
+                seen = session.views.stages(result.frame)
+                disparity = None if seen.stages is None else seen.stages.disparity
+                recorder.frame(seen.frame, result, disparity)
             if snapshot.drive is not None:
                 truth = session.source.ground_truth
                 recorder.drive(snapshot.drive, None if truth is None else truth.poses)

@@ -61,6 +61,13 @@ class BoundedCache(Generic[T]):
                 del self._making[key]
             event.set()
 
+    def put(self, key: Hashable, value: T) -> None:
+        """Keep a value that was made elsewhere, unless there is one or it is being made."""
+        with self._lock:
+            known = key in self._values or key in self._making
+        if not known:
+            self.get(key, lambda: value)
+
     def __len__(self) -> int:
         return len(self._values)
 
@@ -134,6 +141,10 @@ class FrameViews:
             PICTURE_CACHE_BYTES,
             lambda v: len(v.jpeg) + v.points.nbytes + v.colors.nbytes,
         )
+
+    def keep(self, frame: StereoFrame, stages: RoadStages | None) -> None:
+        """What the front end has just seen in a frame."""
+        self._stages.put(frame.index, FrameStages(frame, stages))
 
     def stages(self, index: int) -> FrameStages:
         """The frame and its stages."""

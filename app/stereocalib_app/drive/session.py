@@ -20,10 +20,10 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.frames import FrameSource
-from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.front.matching import MatchedOnce, find_matcher
+from stereocalib_core.front.pipeline import FrontEnd, road_stages
 from stereocalib_core.results import Drive, FrameResult, Timing
-from stereocalib_core.run.drive import recall
-from stereocalib_core.sources import prefetch
+from stereocalib_core.run.calibrate import follow
 
 LOG = logging.getLogger(__name__)
 FIRST_ANALYSIS_S = 2.0
@@ -93,7 +93,7 @@ class Session:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
         self.frames, self.run_folder, self.tracks, self.notices = frames, run_folder, tracks, notices
         self._analyse = analyse
-        self._front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
+        self._matcher = MatchedOnce(find_matcher(config.disparity.matcher))
         self._views: dict[str, FrameViews] = {}
         self.views = self.views_with("")
         self._snapshot = Snapshot(total=len(source))
@@ -118,7 +118,7 @@ class Session:
     def views_with(self, broken_stage: str) -> FrameViews:
         """The views of the drive, or of what a broken stage makes of it."""
         if broken_stage not in self._views:
-            front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage))
+            front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage), self._matcher)
             self._views[broken_stage] = FrameViews(self.source, front_end.stages)
         return self._views[broken_stage]
 
@@ -151,12 +151,13 @@ class Session:
             if 0 < known < len(self.source):
                 self._publish(results=tuple(results))
                 self._update_analysis(results)
-                recall(self._front_end, self.source, self._done)
-            for frame in prefetch(self.source, known, len(self.source)):
+            for step in follow(self.source, self.config, earlier=tuple(self._done), matcher=self._matcher):
                 if self._stop.is_set():
                     return
-                results.append(self._front_end.step(frame))
-                self._done.append(Done(results[-1], self._front_end.memory, 0.0))
+                if step.look.road is not None:
+                    self.views.keep(step.frame, road_stages(step.look.road, self.config))
+                results.append(step.done.result)
+                self._done.append(step.done)
                 elapsed = max(time.monotonic() - started, 1e-6)
                 self._publish(results=tuple(results), frames_per_second=(len(results) - known) / elapsed)
                 if time.monotonic() >= next_analysis and len(results) >= FIRST_FRAMES:

@@ -22,7 +22,7 @@ from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.files.io import read_rig
 from stereocalib_core.results import Drive, FrameResult
-from stereocalib_core.run.drive import cut_truth, frame_range
+from stereocalib_core.run.calibrate import cut_truth, frame_range
 from stereocalib_core.sources import SourceKind, open_source, source_kind
 
 UPLOAD_BYTES = 200_000_000

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import ImageConfig, LimitsConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
-from stereocalib_core.front import matching as dense
+from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import free_map, lane, uv_disparity
 from stereocalib_core.front.road.lane import LaneSupport
 from stereocalib_core.front.road.paper import PaperFit, fit_paper
@@ -191,20 +191,28 @@ def _paper_on_lane(
     return fit, support, far_m
 
 
-def begin_road(left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig) -> RoadAttempt:
-    """The stages that keep every core busy: are the pictures usable, and their dense disparity."""
+def begin_road(
+    left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, matcher: Matcher | None = None
+) -> RoadAttempt:
+    """The stages that keep every core busy: are the pictures usable, and their dense disparity.
+
+    matcher: None = the one that `config` names.
+    """
     attempt = RoadAttempt()
     attempt.failure = _unusable(attempt, left, right, config.images)
     attempt.lap("image")
     if attempt.failure is None:
-        attempt.disparity = dense.compute(left, right, camera, config.disparity)
+        match = matcher or find_matcher(config.disparity.matcher)
+        attempt.disparity = match(left, right, camera, config.disparity)
         attempt.lap("disparity")
     return attempt
 
 
-def estimate_road(left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig) -> RoadResult:
+def estimate_road(
+    left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, matcher: Matcher | None = None
+) -> RoadResult:
     """(H, W) uint8 grey pair to its road by `config.method`; a pair without a road says why."""
-    return finish_road(begin_road(left, right, camera, config), left, right, camera, config)
+    return finish_road(begin_road(left, right, camera, config, matcher), left, right, camera, config)
 
 
 def finish_road(

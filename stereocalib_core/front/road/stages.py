@@ -9,28 +9,9 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import Check, RoadEstimate
+from stereocalib_core.results import Check, DisparityMap, RoadEstimate
 
-
-@dataclass(frozen=True)
-class DisparityMap:
-    """Dense disparity on a grid that may be coarser than the image.
-
-    values: (h, w) float32, geometric disparity in full-resolution pixels, NaN = invalid.
-    step_px: image pixels per grid cell; cell (column j, row i) is centred on image point
-        u = (j + 0.5) step - 0.5, v = (i + 0.5) step - 0.5.
-    """
-
-    values: NDArray[np.float32]
-    step_px: int
-
-    def columns_u(self) -> NDArray[np.float64]:
-        """(w,) image u [px] of the cell centres."""
-        return (np.arange(self.values.shape[1], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
-
-    def rows_v(self) -> NDArray[np.float64]:
-        """(h,) image v [px] of the cell centres."""
-        return (np.arange(self.values.shape[0], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
+__all__ = ["DisparityMap", "RoadStages"]
 
 
 @dataclass(frozen=True)

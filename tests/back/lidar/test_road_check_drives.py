@@ -28,7 +28,7 @@ def real_drive(kitti_raw_0009: Path):  # type: ignore[no-untyped-def]
     from stereocalib_core.sources import open_source
 
     source = open_source(str(kitti_raw_0009))
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
+    front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
     frames = [source[i] for i in range(12)]
     return frames, [front_end.step(frame) for frame in frames], source.T_camera_lidar
 
@@ -63,7 +63,7 @@ def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
 ) -> None:  # type: ignore[no-untyped-def]
     from stereocalib_core.back.analyse import analyse
     from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
-    from stereocalib_core.front.pipeline import FrontEndMemory
+    from stereocalib_core.results import FrontEndMemory
     from stereocalib_core.sources import open_source
 
     results = real_drive[1]
@@ -105,7 +105,7 @@ def test_synthetic_lidar_agrees_until_it_is_knocked(fault: str, pitch: float, ro
     from stereocalib_core.sources import open_source
 
     source = open_source(f"synthetic:straight?lidar=1&frames=3{fault}")
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
+    front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
     residuals = [front_end.step(source[i]).lidar for i in range(3)]
     values = np.median([r.values for r in residuals if r is not None], axis=0)
     np.testing.assert_allclose(np.abs(values[1:]) * DEGREE, [pitch, roll], atol=0.05)

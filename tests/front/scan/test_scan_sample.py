@@ -137,7 +137,7 @@ def real(kitti_raw_0009: Path):  # type: ignore[no-untyped-def]
     from stereocalib_core.sources import open_source
 
     source = open_source(str(kitti_raw_0009))
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
+    front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
     frames = [source[i] for i in (0, 1, 20)]
     return source, frames, [front_end.step(frame) for frame in frames]
 
@@ -158,7 +158,7 @@ def test_real_frames_keep_little_and_nothing_without_a_scan(real) -> None:  # ty
 
 def test_frames_bin_gives_the_sample_back_bit_for_bit(real, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
-    from stereocalib_core.front.pipeline import FrontEndMemory
+    from stereocalib_core.results import FrontEndMemory
 
     checkpoint = Checkpoint(tmp_path / "checkpoint.bin", {})
     for result in real[2]:

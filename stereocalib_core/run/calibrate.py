@@ -1,0 +1,136 @@
+"""A drive from its source to what it says, without files: the front end's loop, and the back end after it."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import ConfigError
+from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
+from stereocalib_core.results import Drive, Rig, Timing
+from stereocalib_core.sources import open_source, prefetch
+
+if TYPE_CHECKING:
+    from stereocalib_core.front.matching import Matcher
+    from stereocalib_core.front.pipeline import FrontEnd, Look
+
+Progress = Callable[[int, int, str], None]
+"""Called with frames done, frames in all, and what is being done."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One frame that has just been done. look: what was seen in it. done: what is kept of it."""
+
+    frame: StereoFrame
+    look: Look
+    done: Done
+
+
+def follow(
+    source: FrameSource,
+    config: PipelineConfig,
+    start: int = 0,
+    stop: int | None = None,
+    earlier: Sequence[Done] = (),
+    matcher: Matcher | None = None,
+) -> Iterator[Step]:
+    """Frames start...stop - 1 through the front end, one by one, read ahead.
+
+    earlier: the first of them, done before; the front end goes on where it was after those, to the same bits.
+    """
+    from stereocalib_core.front.pipeline import FrontEnd
+
+    stop = len(source) if stop is None else stop
+    if start + len(earlier) >= stop:
+        return
+    front_end = FrontEnd(source.camera, config, matcher, source.T_camera_lidar)
+    if earlier:
+        _recall(front_end, source, earlier)
+    before = time.perf_counter()
+    for frame in prefetch(source, start + len(earlier), stop):
+        look = front_end.look(frame)
+        now = time.perf_counter()
+        yield Step(frame, look, Done(look.result, front_end.memory, 1e3 * (now - before)))
+        before = time.perf_counter()
+
+
+def _recall(front_end: FrontEnd, source: FrameSource, earlier: Sequence[Done]) -> None:
+    """Bring a new front end to where it was after `earlier`, by looking once more at the last frames of it."""
+    last = earlier[-1].result.frame
+    memory = earlier[-1].memory
+    first = memory.tracked
+    again: list[StereoFrame] = []
+    for index in range(last, earlier[0].result.frame - 1, -1):
+        frame = source[index]
+        again.insert(0, frame)
+        if index == first or (first is None and frame.failure is None):
+            break
+    before = [d.result.road for d in earlier if d.result.frame < again[0].index and d.result.road is not None]
+    front_end.recall(again, before[-1].extrinsics if before else None, memory)
+
+
+def calibrate(
+    source: str | FrameSource,
+    *,
+    config: PipelineConfig | None = None,
+    rig: Rig | None = None,
+    progress: Progress | None = None,
+    frames: tuple[int | None, int | None] = (None, None),
+) -> Drive:
+    """How a stereo camera stands over the road, in every frame of a drive, and the odometry that follows.
+
+    source: any SOURCE of `stereocalib run`, or one that is open. config: settings, None = the defaults. rig: yaw
+    and lever arm that are known of an earlier drive, `load_run(folder).mount`. progress: called with frames done,
+    frames in all, and what is being done. frames: zero-based, half open; None = from the first, to the last.
+    Raises StereoCalibError for input that cannot be used; a bad frame is a row with its reason.
+    """
+    from stereocalib_core.back.analyse import analyse
+
+    recording = open_source(source) if isinstance(source, str) else source
+    config = config or PipelineConfig()
+    start, stop = frame_range(frames, len(recording))
+    began, done = time.perf_counter(), []
+    for step in follow(recording, config, start, stop):
+        done.append(step.done)
+        if progress:
+            progress(len(done), stop - start, "frames")
+    elapsed_s = time.perf_counter() - began
+    truth = cut_truth(recording.ground_truth, start, start + len(done))
+    drive = analyse([d.result for d in done], recording.camera, config, truth, rig)
+    return told(drive, source if isinstance(source, str) else recording.name, recording, done, elapsed_s)
+
+
+def told(drive: Drive, spec: str, source: FrameSource, done: Sequence[Done], elapsed_s: float) -> Drive:
+    """The drive with what only its run knows."""
+    timing = Timing.of([d.result for d in done], elapsed_s, [d.total_ms for d in done])
+    return dataclasses.replace(drive, source=spec, timing=timing, notices=tuple(source.notices))
+
+
+def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:
+    """First frame and the one after the last; raises ConfigError when no frame is left."""
+    start = 0 if frames[0] is None else frames[0]
+    stop = count if frames[1] is None else frames[1]
+    if start >= count > 0:
+        raise ConfigError("range of frames outside the drive", f"{start}:{stop}", f"it has {count} frames")
+    if not 0 <= start < stop:
+        raise ConfigError("empty range of frames", f"{start}:{stop}", "write A:B with A < B")
+    return start, min(stop, count)
+
+
+def cut_truth(truth: GroundTruth | None, start: int, stop: int) -> GroundTruth | None:
+    """The truth of frames start...stop - 1, poses seen from the first of them."""
+    if truth is None:
+        return None
+    from stereocalib_core.sources.lists import from_first
+
+    return dataclasses.replace(
+        truth,
+        poses=None if truth.poses is None else from_first(truth.poses[start:stop]),
+        extrinsics=None if truth.extrinsics is None else truth.extrinsics[start:stop],
+    )
