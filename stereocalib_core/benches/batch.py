@@ -15,9 +15,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from stereocalib_core.files.io import read_json
 from stereocalib_core.files.run_folder import RESULT_FILES
 from stereocalib_core.run.batch import drive_names, full_spec, usable_cores
+from stereocalib_core.system.whole_file import read_json
 
 OF_THE_MOMENT = ("source", "timing_ms", "frames_per_second")
 BY_ONE_RUN = "one `run` after another"

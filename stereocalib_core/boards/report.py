@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.boards.calibration import Calibration
-from stereocalib_core.files.io import plain, write_json
+from stereocalib_core.system.whole_file import plain, write_json
 
 
 def to_dict(result: Calibration, estimated_rms_px: float | None = None) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.road.estimate import RoadResult, estimate_road
 from stereocalib_core.front.road.variants import eq12_roll, fit_single_pass, fit_whole_map, labayrade_roll
@@ -23,6 +22,7 @@ from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import FrameResult, RoadEstimate, estimates
 from stereocalib_core.simulator.plane import render_plane
 from stereocalib_core.sources import open_source, prefetch
+from stereocalib_core.system.whole_file import write_atomic, write_json
 
 Progress = Callable[[int, int, str], None]
 

@@ -29,8 +29,8 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     SimulatedNoise,
     simulate_boards,
 )
-from stereocalib_core.files.io import write_json
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.system.whole_file import write_json
 
 Progress = Callable[[int, int, str], None]
 COUNTS = tuple(range(5, 16))

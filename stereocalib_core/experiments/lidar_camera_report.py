@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from stereocalib_core.experiments.lidar_camera_simulation import ASSUMPTIONS
-from stereocalib_core.files.io import write_atomic
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.system.whole_file import write_atomic
 
 PAPER_COUNTS = tuple(range(5, 16))
 PAPER = {

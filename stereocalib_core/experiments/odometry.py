@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from stereocalib_core.back.analyse import Workings, analyse_openly
 from stereocalib_core.back.evaluation import common_frames, errors_along
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import Drive, OdometryErrors
 from stereocalib_core.run.calibrate import follow as follow_frames
 from stereocalib_core.sources import open_source
+from stereocalib_core.system.whole_file import write_atomic, write_json
 
 DEFAULT_SOURCE = "synthetic:town"
 

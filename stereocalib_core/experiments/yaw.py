@@ -14,9 +14,9 @@ from stereocalib_core.back.analyse import Workings
 from stereocalib_core.back.rig.vanishing_point import VanishingPointView
 from stereocalib_core.back.rig.yaw import YawEstimate, view
 from stereocalib_core.experiments.odometry import follow
-from stereocalib_core.files.io import write_atomic, write_json
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.sources import open_source
+from stereocalib_core.system.whole_file import write_atomic, write_json
 
 Picture = NDArray[np.uint8]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
-from stereocalib_core.files.io import write_atomic
 from stereocalib_core.results import AXES, TO_DEGREES, FrameTable, column_name
+from stereocalib_core.system.whole_file import write_atomic
 
 SERIES = ("values", "sigma", "filtered", "filtered_sigma")
 """What is written of each axis, in this order."""

@@ -1,11 +1,8 @@
-"""JSON, trajectories and rig.yaml. Each is written whole or not at all; the same numbers give the same bytes."""
+"""Trajectories and rig.yaml."""
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +10,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from stereocalib_core.errors import OutputError, SourceError
+from stereocalib_core.errors import SourceError
 from stereocalib_core.results import Measured, Rig
 from stereocalib_core.system.tables import read_table
+from stereocalib_core.system.whole_file import plain, write_atomic
 from stereocalib_core.system.yaml_file import read_mapping
-
-
-def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write beside `path` and rename, so that a reader sees the old file or the new one, never a part."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError("file cannot be written", path, error.strerror or "check the disk") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
 
 # --- trajectories
 
@@ -72,38 +57,7 @@ def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return table[:, 0], poses
 
 
-# --- report.json, rig.yaml
-
-
-def plain(value: Any) -> Any:
-    """Nested values as JSON knows them: numpy to numbers and lists, what is not finite to null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None
-    return value
-
-
-def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Any report, in the order given; what is not finite becomes null."""
-    write_atomic(path, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object; raises SourceError."""
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise SourceError("report cannot be read", path, "run the drive again") from error
-    if not isinstance(values, dict):
-        raise SourceError("no report", path, "run the drive again")
-    return values
+# --- rig.yaml
 
 
 MOUNT_KEYS = {

@@ -12,6 +12,7 @@ from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import read_extrinsics_csv, write_extrinsics_csv
 from stereocalib_core.files.report import drive_of, report_of
 from stereocalib_core.results import Drive
+from stereocalib_core.system import whole_file
 
 CONFIG, RIG, REPORT, EXTRINSICS = "config.json", "rig.yaml", "report.json", "extrinsics.csv"
 KITTI, TUM = "trajectory.txt", "trajectory.tum"
@@ -21,14 +22,14 @@ RESULT_FILES = (CONFIG, RIG, EXTRINSICS, KITTI, TUM, REPORT)
 def write_run(drive: Drive, folder: Path) -> None:
     """The files of a run; report.json last, so that its presence means that the others are there."""
     if drive.config is not None:
-        io.write_json(folder / CONFIG, settings.to_dict(drive.config))
+        whole_file.write_json(folder / CONFIG, settings.to_dict(drive.config))
     write_extrinsics_csv(folder / EXTRINSICS, drive.frames)
     if drive.paths:
         io.write_rig(folder / RIG, drive.mount)
     if drive.poses is not None:
         io.write_kitti(folder / KITTI, drive.poses)
         io.write_tum(folder / TUM, drive.frames.timestamp_s, drive.poses)
-    io.write_json(folder / REPORT, report_of(drive))
+    whole_file.write_json(folder / REPORT, report_of(drive))
 
 
 def load_run(folder: Path) -> Drive:
@@ -44,7 +45,7 @@ def load_run(folder: Path) -> Drive:
     if len(frames) == 0:
         raise SourceError("run without frames", folder, "run the drive again")
     poses = io.read_kitti(kitti) if kitti.is_file() else None
-    drive = drive_of(io.read_json(report), report, frames, poses)
+    drive = drive_of(whole_file.read_json(report), report, frames, poses)
     if rig.is_file():
         mount = dataclasses.replace(drive.mount, lever_arm_m=io.read_rig(rig).lever_arm_m)
         drive = dataclasses.replace(drive, mount=mount)

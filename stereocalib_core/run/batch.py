@@ -30,12 +30,12 @@ from typing import Any
 from stereocalib_core import config as settings
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
-from stereocalib_core.files import io
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import RESULT_FILES, load_run
 from stereocalib_core.results import Drive
 from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
 from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
+from stereocalib_core.system import whole_file
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
 CONNECT_TIMEOUT_S = 10
@@ -113,7 +113,7 @@ def run_batch(
     unusable = _unusable(specs)
     folder = OutputFolder(out, (MARKER,), overwrite, resume=(out / MARKER).is_file())
     folder.create()
-    io.write_json(out / MARKER, {"made_by": "stereocalib batch"})
+    whole_file.write_json(out / MARKER, {"made_by": "stereocalib batch"})
     names = drive_names(specs)
     outcomes: dict[str, DriveOutcome] = {}
     waiting: list[tuple[str, str]] = []
@@ -260,7 +260,7 @@ def _run_or_restart(
 
 def seal(folder: Path, spec: str, config: PipelineConfig) -> None:
     """Write down which files a finished drive has, and from what they were made."""
-    io.write_json(folder / SEAL, {"made_from": _made_from(spec, config), "sha256": _digests(folder)})
+    whole_file.write_json(folder / SEAL, {"made_from": _made_from(spec, config), "sha256": _digests(folder)})
 
 
 def sealed_drive(folder: Path, spec: str, config: PipelineConfig) -> Drive | None:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from stereocalib_core.files.io import MOUNT_KEYS, write_atomic
+from stereocalib_core.files.io import MOUNT_KEYS
 from stereocalib_core.results import BEST, Drive
+from stereocalib_core.system.whole_file import write_atomic
 
 AXES = (
     ("height_m", "height [m]"),

@@ -13,6 +13,7 @@ from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import format_cell, read_extrinsics_csv, write_extrinsics_csv
 from stereocalib_core.geometry import Extrinsics, rotation_x, rotation_y, rotation_z, transform
 from stereocalib_core.results import FilteredExtrinsics, FrameResult, FrameTable, Measured, Rig, RoadEstimate
+from stereocalib_core.system import whole_file
 
 HEADER = (
     "frame,timestamp_s,status,reason,height_m,pitch_deg,roll_deg,height_sigma_m,pitch_sigma_deg,roll_sigma_deg,"
@@ -133,13 +134,13 @@ def test_reports_are_strict_json(tmp_path: Path) -> None:
         "c": (np.int64(3), None, float("inf")),
         "d": np.True_,
     }
-    io.write_json(tmp_path / "report.json", values)
+    whole_file.write_json(tmp_path / "report.json", values)
     text = (tmp_path / "report.json").read_text()
     assert "NaN" not in text
     assert json.loads(text) == {"a": None, "b": [1, 2], "c": [3, None, None], "d": True}
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(SourceError):
-        io.read_json(tmp_path / "report.json")
+        whole_file.read_json(tmp_path / "report.json")
 
 
 def test_rig_files_round_trip_in_degrees(tmp_path: Path) -> None:
@@ -169,19 +170,19 @@ def test_bad_rig_files(tmp_path: Path, text: str) -> None:
 
 def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file"
-    io.write_atomic(path, "old")
+    whole_file.write_atomic(path, "old")
     (tmp_path / "taken").mkdir()
     with pytest.raises(OutputError):
-        io.write_atomic(tmp_path / "taken", "new")
+        whole_file.write_atomic(tmp_path / "taken", "new")
     with pytest.raises(OutputError):
-        io.write_atomic(tmp_path / "no such folder" / "file", "new")
+        whole_file.write_atomic(tmp_path / "no such folder" / "file", "new")
 
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stereocalib_core.files.io.os.replace", stopped)
+    monkeypatch.setattr("stereocalib_core.system.whole_file.os.replace", stopped)
     with pytest.raises(KeyboardInterrupt):
-        io.write_atomic(path, "new")
+        whole_file.write_atomic(path, "new")
     assert path.read_text() == "old"
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "taken"]
 

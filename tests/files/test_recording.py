@@ -168,7 +168,7 @@ def test_road_and_horizon_agree_with_the_geometry() -> None:
 
 
 def test_a_failed_run_leaves_no_recording(tmp_path: Path) -> None:
-    recorder = Recorder(CAMERA, DisparityConfig(), "test", tmp_path / "recording.rrd")
+    recorder = Recorder(CAMERA, "test", tmp_path / "recording.rrd")
     recorder.close(keep=False)
     assert list(tmp_path.iterdir()) == []
 
@@ -188,7 +188,7 @@ def test_a_viewer_that_cannot_start_is_one_clear_line(
     monkeypatch.setattr("stereocalib_core.files.rrd._listening", lambda: False)
     monkeypatch.setattr("stereocalib_core.files.rrd.sys.executable", "/bin/false")
     with pytest.raises(OutputError, match="use --rrd instead"):
-        Recorder(CAMERA, DisparityConfig(), "test", None)
+        Recorder(CAMERA, "test", None)
 
 
 def test_a_viewer_that_listens_is_sent_the_whole_run(

@@ -15,6 +15,7 @@ from stereocalib_core.files.run_folder import load_run
 from stereocalib_core.geometry import Extrinsics, rotation_y, transform
 from stereocalib_core.results import FrameResult, FrameTable, RoadEstimate
 from stereocalib_core.run.compare import compare, describe
+from stereocalib_core.system import whole_file
 
 
 def write_run(
@@ -29,7 +30,9 @@ def write_run(
     io.write_kitti(folder / "trajectory.txt", poses)
     mount: dict[str, object] = {axis: {"value": 1.0, "sigma": 0.01} for axis in ("height_m", "roll_deg")}
     mount |= {"pitch_deg": {"value": pitch_deg, "sigma": 0.03}, "yaw_deg": None}
-    io.write_json(folder / "report.json", {"frames": 20, "frames_ok": 20 - bad, "mount": mount, "shifts": []})
+    whole_file.write_json(
+        folder / "report.json", {"frames": 20, "frames_ok": 20 - bad, "mount": mount, "shifts": []}
+    )
     return folder
 
 

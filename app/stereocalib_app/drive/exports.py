@@ -25,6 +25,7 @@ from stereocalib_core.files.report import report_of
 from stereocalib_core.results import BEST, Drive, DrivePath
 from stereocalib_core.results.difference import Difference
 from stereocalib_core.run.compare import compare
+from stereocalib_core.system import whole_file
 
 
 def _written(name: str, write: Callable[[Path], Any]) -> bytes:
@@ -83,7 +84,7 @@ def report(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """report.json of the frames analysed so far, and the settings of the page."""
     drive = shown_drive(session, snapshot, settings.corrections)
     content = {**report_of(drive), "page": {"corrections": vars(settings.corrections)}}
-    return (json.dumps(io.plain(content), indent=2) + "\n").encode()
+    return (json.dumps(whole_file.plain(content), indent=2) + "\n").encode()
 
 
 def difference(session: Session, snapshot: Snapshot, settings: Settings, other: Drive) -> Difference:
