@@ -97,3 +97,10 @@ def _nearest_remedy(path: Path) -> str:
     if any("_drive_" in name for name in names):
         return "name one drive of it"
     return "expected image_0 image_1 calib.txt, image_00 image_01, or left right camera.yaml"
+
+
+def warm_up() -> None:
+    """Compile what this package compiles."""
+    from stereocalib_core.sources import png
+
+    png.warm_up()
