@@ -36,8 +36,6 @@ def format_cell(value: float | None, digits: int = 6) -> str:
 def extrinsics_rows(table: FrameTable) -> list[list[str]]:
     """The cells of extrinsics.csv without its header, one row per frame."""
     numbers = np.hstack([getattr(table, series) * TO_DEGREES for series in SERIES])
-    filtered = [i for i, name in enumerate(NUMBERS) if "_filtered_" in name]
-    numbers[np.ix_([state == "none" for state in table.filter_state], filtered)] = np.nan
     return [
         [
             str(table.frame[i]),

@@ -58,6 +58,7 @@ def report_of(drive: Drive) -> Block:
         "odometry": {name: dataclasses.asdict(path.errors) for name, path in drive.paths.items()},
         "gaps": [list(gap) for gap in drive.gaps],
         "failures": dict(frames.failures),
+        "likely_causes": [_cause(cause) for cause in drive.causes],
         "shifts": [_shift(shift) for shift in drive.shifts],
         "lidar_check": None if drive.lidar is None else _lidar(drive.lidar),
         "timing_ms": dict(drive.timing.stages_ms),
@@ -108,16 +109,17 @@ def _rectification(pair: Pair) -> Block:
 
 def _shift(shift: Shift | LidarShift) -> Block:
     unit = UNIT[shift.axis]
-    size = shift.size if unit == "m" else float(np.rad2deg(shift.size))
-    return {"frame": shift.frame, "axis": shift.axis, "size": size, "unit": unit, "kind": shift.kind}
+    size, sigma = (shift.size, shift.sigma) if unit == "m" else np.rad2deg([shift.size, shift.sigma]).tolist()
+    place = {"frame": shift.frame, "axis": shift.axis, "size": size, "unit": unit, "kind": shift.kind}
+    return {**place, "sigma": sigma, "detected_at": shift.detected_at}
+
+
+def _cause(cause: Cause) -> Block:
+    frames = [cause.first, cause.last]
+    return {"frames": frames, "reason": cause.reason, "cause": cause.cause, "remedy": cause.remedy}
 
 
 def _lidar(check: LidarCheck) -> Block:
-    def shift(found: LidarShift) -> Block:
-        sigma = found.sigma if UNIT[found.axis] == "m" else float(np.rad2deg(found.sigma))
-        more = {"sigma": sigma, "detected_at": found.detected_at, "moved": found.moved}
-        return {**_shift(found), **more}
-
     residuals = {"height_m": check.height_m, "pitch_deg": check.pitch_rad, "roll_deg": check.roll_rad}
     return {
         **{
@@ -127,7 +129,7 @@ def _lidar(check: LidarCheck) -> Block:
             }
             for key, residual in residuals.items()
         },
-        "shifts": [shift(found) for found in check.shifts],
+        "shifts": [{**_shift(found), "moved": found.moved} for found in check.shifts],
         "frames": check.frames,
         "unseen": check.unseen,
     }

@@ -76,6 +76,14 @@ class FrameTable:
     ) -> FrameTable:
         """The results of the front end, in order, with what the filter made of them."""
         missing = np.full((len(results), 3), np.nan)
+
+        def known(series: FilteredExtrinsics | None) -> tuple[Array, Array]:
+            if series is None:
+                return missing, missing
+            there = np.array([state != "none" for state in series.state], dtype=np.bool_)[:, None]
+            return np.where(there, series.values, np.nan), np.where(there, series.sigma, np.nan)
+
+        (now, now_sigma), (back, back_sigma) = known(filtered), known(smoothed)
         roads = [r.road for r in results]
         return cls(
             frame=np.array([r.frame for r in results], dtype=np.int64),
@@ -84,10 +92,10 @@ class FrameTable:
             reason=tuple(r.reason for r in results),
             values=estimates(results),
             sigma=np.array([missing[0] if road is None else road.sigma for road in roads]).reshape(-1, 3),
-            filtered=missing if filtered is None else filtered.values,
-            filtered_sigma=missing if filtered is None else filtered.sigma,
-            smoothed=missing if smoothed is None else smoothed.values,
-            smoothed_sigma=missing if smoothed is None else smoothed.sigma,
+            filtered=now,
+            filtered_sigma=now_sigma,
+            smoothed=back,
+            smoothed_sigma=back_sigma,
             filter_state=("none",) * len(results) if filtered is None else filtered.state,
             free_fraction=_numbers((r.road or r).free_fraction for r in results),
             inliers=_numbers((r.road or r).inliers for r in results),
