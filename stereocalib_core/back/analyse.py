@@ -1,7 +1,7 @@
 """The back end: from the front end's results of a drive to what its rig is like and where the car went.
 
 Arithmetic over small arrays only; no pixel is touched. The order is a table of contents: filter, yaw and
-lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own rows, the shifts.
+lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own calibration, the shifts.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from stereocalib_core.back.odometry.trajectory import VARIANTS, Trajectory, Traj
 from stereocalib_core.back.rig.body_motion import MotionSeries
 from stereocalib_core.back.rig.mount import estimate_mount
 from stereocalib_core.back.rig.pair import summarise
+from stereocalib_core.back.rig.pair_calibration import calibrate_pair
 from stereocalib_core.back.rig.shift_alarm import find_shifts
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.back.rig.yaw import YawEstimate, estimate_yaw
@@ -110,12 +111,15 @@ def analyse_openly(
     mount = estimate_mount(
         results, motion, yaw_measured, lever, shifts, config.mount, config.shift_alarm.wheels
     )
+    height_m = None if mount.height_m is None else mount.height_m.value
+    truth = None if ground_truth is None else ground_truth.poses
+    rows = summarise(camera, results, config.rectification)
     drive = Drive(
         frames=frames,
         method=config.method,
         mount=mount,
         yaw_reason=yaw_reason,
-        pair=summarise(camera, results, config.rectification),
+        pair=calibrate_pair(camera, results, tracks, rows, truth, height_m, config),
         paths=_judged(paths, ground_truth),
         gaps=frames.gaps(best.measured),
         shifts=shifts,

@@ -38,6 +38,7 @@ from stereocalib_core.config.front import (
 )
 from stereocalib_core.config.lidar import RoadCheckConfig, ScanSampleConfig
 from stereocalib_core.config.odometry import OdometryConfig
+from stereocalib_core.config.pair import PairConfig, ScanDisparityConfig
 from stereocalib_core.config.strict import STRICT
 from stereocalib_core.config.tracks import TracksConfig
 from stereocalib_core.config.vehicle import VehicleConfig
@@ -46,8 +47,9 @@ from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
     "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
-    "Method", "MountConfig", "OdometryConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
-    "RoadCheckConfig", "RoadPointsConfig", "ScanSampleConfig", "ShiftAlarmConfig", "TracksConfig", "VehicleConfig",
+    "Method", "MountConfig", "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
+    "RoadCheckConfig", "RoadPointsConfig", "ScanDisparityConfig", "ScanSampleConfig",
+    "ShiftAlarmConfig", "TracksConfig", "VehicleConfig",
     "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
@@ -68,6 +70,7 @@ class PipelineConfig:
     limits: LimitsConfig = LimitsConfig()
     tracks: TracksConfig = TracksConfig()
     rectification: RectificationConfig = RectificationConfig()
+    pair: PairConfig = PairConfig()
     vehicle: VehicleConfig = VehicleConfig()
     filter: FilterConfig = FilterConfig()
     odometry: OdometryConfig = OdometryConfig()
@@ -76,6 +79,7 @@ class PipelineConfig:
     shift_alarm: ShiftAlarmConfig = ShiftAlarmConfig()
     road_check: RoadCheckConfig = RoadCheckConfig()
     scan_sample: ScanSampleConfig = ScanSampleConfig()
+    scan_disparity: ScanDisparityConfig = ScanDisparityConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:

@@ -86,6 +86,13 @@ class Fields:
             raise self._wrong(key, "list of texts")
         return tuple(entries)
 
+    def list_of_numbers(self, key: str) -> tuple[float, ...]:
+        """A list of finite numbers."""
+        entries = self._list(key)
+        return tuple(
+            Fields({"entry": entry}, self.path, f"{self.within}{key}.").need("entry") for entry in entries
+        )
+
     def pairs(self, key: str) -> tuple[tuple[int, int], ...]:
         """A list of pairs of whole numbers."""
         entries = self._list(key)

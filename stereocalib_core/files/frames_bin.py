@@ -33,7 +33,7 @@ from stereocalib_core.results import (
     Tracks,
 )
 
-MAGIC = b"stereocalib checkpoint 4\n"
+MAGIC = b"stereocalib checkpoint 5\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 
@@ -207,6 +207,7 @@ def _pack(done: Done) -> bytes:
             arrays.put(r.scan.packed_points),
             arrays.put(r.scan.packed_patches),
         ],
+        "disparities": arrays.put(r.disparities),
         "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
         "total_ms": done.total_ms,
     }
@@ -252,5 +253,6 @@ def _unpack(payload: bytes) -> Done:
         MappingProxyType(values["timing_ms"]),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
         None if scan is None else ScanSample(*(arrays.get(place) for place in scan)),
+        arrays.get(values["disparities"]),
     )
     return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

@@ -16,7 +16,9 @@ from stereocalib_core.files.io import MOUNT_KEYS
 from stereocalib_core.results import (
     BEST,
     TO_DEGREES,
+    BendEffects,
     Cause,
+    DepthScale,
     Drive,
     DrivePath,
     FrameTable,
@@ -25,12 +27,14 @@ from stereocalib_core.results import (
     Measured,
     OdometryErrors,
     Pair,
+    PairChange,
     Residual,
     Rig,
     Shift,
     Timing,
     Tolerance,
 )
+from stereocalib_core.results.pair import Verdict
 
 Block = dict[str, Any]
 DEGREE = float(np.deg2rad(1.0))
@@ -55,6 +59,7 @@ def report_of(drive: Drive) -> Block:
         "yaw_reason": drive.yaw_reason,
         **{key: dataclasses.asdict(statistics[axis]) for key, axis in STATISTICS.items()},
         "rectification": _rectification(drive.pair),
+        "pair": pair_block(drive.pair),
         "odometry": {name: dataclasses.asdict(path.errors) for name, path in drive.paths.items()},
         "gaps": [list(gap) for gap in drive.gaps],
         "failures": dict(frames.failures),
@@ -102,9 +107,52 @@ def _rectification(pair: Pair) -> Block:
         "row_offset_px": _measured(pair.row_offset_px),
         "relative_pitch_deg": _measured(pair.relative_pitch_rad, degrees=True),
         "relative_roll_deg": _measured(pair.relative_roll_rad, degrees=True),
+        "verdict": pair.rows_verdict,
+        "why": pair.rows_why,
+    }
+
+
+def pair_block(pair: Pair) -> Block:
+    """The block `pair`; degrees, pixels, metres, shares as they are."""
+    scale, effects = pair.depth_scale, pair.effects
+    return {
+        "relative_pitch_deg": _measured(pair.relative_pitch_rad, degrees=True),
+        "relative_roll_deg": _measured(pair.relative_roll_rad, degrees=True),
+        "relative_yaw_deg": _measured(pair.relative_yaw_rad, degrees=True),
+        "disparity_offset_px": _measured(pair.disparity_offset_px),
+        "row_offset_px": _measured(pair.row_offset_px),
+        "depth_scale": {"value": None, "sigma": None, "from": "none"}
+        if scale is None
+        else {"value": scale.value, "sigma": scale.sigma, "from": scale.source},
         "verdict": pair.verdict,
         "why": pair.why,
+        "yaw_reason": pair.yaw_reason,
+        "pairs": pair.pairs,
+        "yaw_halves_deg": [float(value) for value in np.rad2deg(pair.yaw_halves)],
+        "yaw_thirds_deg": [float(value) for value in np.rad2deg(pair.yaw_thirds)],
+        "lidar_offset_px": _measured(pair.by_lidar_px),
+        "changes": [
+            {
+                "frame": change.frame,
+                "axis": change.axis,
+                "size_deg": float(np.rad2deg(change.size_rad)),
+                "sigma_deg": float(np.rad2deg(change.sigma_rad)),
+            }
+            for change in pair.changes
+        ],
+        "effects": None
+        if effects is None
+        else {
+            "depth_at_30_m_percent": _finite(100.0 * effects.depth_share),
+            "pitch_deg": _finite(float(np.rad2deg(effects.pitch_rad))),
+            "height_percent": _finite(100.0 * effects.height_share),
+            "path_percent": _finite(100.0 * effects.path_share),
+        },
     }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _shift(shift: Shift | LidarShift) -> Block:
@@ -161,7 +209,7 @@ def drive_of(
             for key, (field, unit) in MOUNT_KEYS.items()
             if (block := limits.block(key)).values
         },
-        pair=_read_pair(root.block("rectification")),
+        pair=_read_pair(root.block("rectification"), root.block("pair")),
         paths=_read_paths(root.block("odometry"), len(frames), poses),
         gaps=root.pairs("gaps"),
         shifts=tuple(_read_shift(block) for block in root.blocks("shifts")),
@@ -172,14 +220,48 @@ def drive_of(
     )
 
 
-def _read_pair(block: Fields) -> Pair:
+def _read_pair(rows: Fields, block: Fields) -> Pair:
+    """The pair; of a report without the block `pair`, its rows."""
+    known = ("good", "suspect", "bad", "not measured")
+    rows_verdict: Verdict = rows.choice("verdict", known) or "suspect"
+    verdict: Verdict = block.choice("verdict", known) or rows_verdict
+    rows_why = rows.text("why") or ""
+    scale, effects = block.block("depth_scale"), block.block("effects")
+    source, value = scale.choice("from", ("lidar", "truth", "none")), scale.number("value")
+    of_pair = block if block.values else rows
     return Pair(
-        block.choice("verdict", ("good", "suspect", "bad", "not measured")) or "suspect",
-        block.text("why") or "",
-        block.measured("row_offset_px"),
-        block.measured("relative_pitch_deg", DEGREE),
-        block.measured("relative_roll_deg", DEGREE),
+        verdict,
+        block.text("why") or rows_why,
+        of_pair.measured("row_offset_px"),
+        of_pair.measured("relative_pitch_deg", DEGREE),
+        of_pair.measured("relative_roll_deg", DEGREE),
+        block.measured("relative_yaw_deg", DEGREE),
+        block.measured("disparity_offset_px"),
+        None if value is None or source is None else DepthScale(value, scale.number("sigma") or 0.0, source),
+        rows_verdict=rows_verdict,
+        rows_why=rows_why,
+        pairs=int(block.number("pairs") or 0),
+        yaw_halves=tuple(value * DEGREE for value in block.list_of_numbers("yaw_halves_deg")),
+        yaw_thirds=tuple(value * DEGREE for value in block.list_of_numbers("yaw_thirds_deg")),
+        changes=tuple(
+            PairChange(
+                int(change.need("frame")),
+                change.choice("axis", ("pitch", "roll", "yaw"), needed=True),
+                change.need("size_deg") * DEGREE,
+                change.need("sigma_deg") * DEGREE,
+            )
+            for change in block.blocks("changes")
+        ),
+        by_lidar_px=block.measured("lidar_offset_px"),
+        effects=_read_effects(effects) if effects.values else None,
+        yaw_reason=block.text("yaw_reason"),
     )
+
+
+def _read_effects(block: Fields) -> BendEffects:
+    keys = ("depth_at_30_m_percent", "pitch_deg", "height_percent", "path_percent")
+    depth, pitch, height, path = (np.nan if (v := block.number(key)) is None else v for key in keys)
+    return BendEffects(depth / 100.0, pitch * DEGREE, height / 100.0, path / 100.0)
 
 
 def _read_paths(block: Fields, count: int, poses: NDArray[np.float64] | None) -> dict[str, DrivePath]:

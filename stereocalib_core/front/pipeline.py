@@ -20,6 +20,7 @@ from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
+from stereocalib_core.front.scan.scan_disparity import scan_disparities
 from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -158,8 +159,16 @@ class FrontEnd:
             sample = sample_scan(
                 frame.lidar, frame.left, road.disparity, self.camera, T, over, config.scan_sample
             )
+        seen = None
+        if frame.left is not None and frame.right is not None and road.disparity is not None:
+            seen = scan_disparities(
+                self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
+                config.scan_disparity, result.rectification,
+            )  # fmt: skip
         timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}
-        return dataclasses.replace(result, lidar=residual, scan=sample, timing_ms=MappingProxyType(timing))
+        return dataclasses.replace(
+            result, lidar=residual, scan=sample, disparities=seen, timing_ms=MappingProxyType(timing)
+        )
 
     def _frozen(self, left: Grey, right: Grey) -> Failure | None:
         """One camera repeats its picture while the other goes on; both at once is a pair as good as before."""

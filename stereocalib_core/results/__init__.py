@@ -4,14 +4,12 @@ from stereocalib_core.results.drive import (
     BEST,
     Axis,
     Cause,
-    DepthScale,
     Drive,
     DrivePath,
     LidarCheck,
     LidarSeries,
     LidarShift,
     OdometryErrors,
-    Pair,
     Residual,
     Rig,
     Shift,
@@ -32,11 +30,23 @@ from stereocalib_core.results.frame import (
     Tracks,
     estimates,
 )
+from stereocalib_core.results.pair import (
+    REFERENCE_M,
+    BendEffects,
+    DepthScale,
+    Pair,
+    PairChange,
+    PairCorrection,
+)
 from stereocalib_core.results.scan import ScanSample
 from stereocalib_core.results.table import AXES, FrameTable, Spread, column_name
 
 __all__ = [
     "AXES",
+    "REFERENCE_M",
+    "BendEffects",
+    "PairChange",
+    "PairCorrection",
     "BEST",
     "TO_DEGREES",
     "Axis",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results.frame import FrameResult, Measured
+from stereocalib_core.results.pair import Pair
 from stereocalib_core.results.table import FrameTable
 
 Array = NDArray[np.float64]
@@ -75,41 +76,6 @@ class Shift:
     sigma: float
     kind: Literal["step", "drift"]
     detected_at: int
-
-
-@dataclass(frozen=True)
-class DepthScale:
-    """True depth over measured depth, and whom to believe for that."""
-
-    value: float
-    sigma: float
-    source: Literal["lidar", "truth", "none"]
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Is the stereo pair itself still calibrated over the drive? None = not measured.
-
-    row_offset_px: right row minus left row at the principal point [px].
-    relative_pitch_rad: the same as an angle, > 0: the right camera looks further down.
-    relative_roll_rad: > 0: the right picture's rows fall to the right.
-    relative_yaw_rad, disparity_offset_px, depth_scale: what rows do not show.
-    keystone_rad: the part of the row offset that goes with u v / f, as the relative yaw that it would be.
-    frames: how many frames were measured. first, last: the frames that the values speak of.
-    """
-
-    verdict: Literal["good", "suspect", "bad", "not measured"] = "suspect"
-    why: str = "not measured"
-    row_offset_px: Measured | None = None
-    relative_pitch_rad: Measured | None = None
-    relative_roll_rad: Measured | None = None
-    relative_yaw_rad: Measured | None = None
-    disparity_offset_px: Measured | None = None
-    depth_scale: DepthScale | None = None
-    keystone_rad: float = float("nan")
-    frames: int = 0
-    first: int = -1
-    last: int = -1
 
 
 @dataclass(frozen=True)

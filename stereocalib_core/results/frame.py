@@ -140,7 +140,10 @@ class RoadResidual:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """One frame through the front end. `road` is None exactly when `failure` is not."""
+    """One frame through the front end. `road` is None exactly when `failure` is not.
+
+    disparities: (K, 6) by the LiDAR beside those by the pair, columns as in `front.scan.scan_disparity`.
+    """
 
     frame: int
     timestamp_s: float
@@ -154,6 +157,7 @@ class FrameResult:
     timing_ms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     lidar: RoadResidual | None = None
     scan: ScanSample | None = None
+    disparities: NDArray[np.float32] | None = None
 
     @property
     def ok(self) -> bool:

@@ -14,33 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.calibration import StereoCalibration
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
-from stereocalib_core.geometry import StereoCamera, road_rotation, rotation_y
-from stereocalib_core.numeric.arrays import Array
-
-
-@dataclass(frozen=True)
-class PairCorrection:
-    """How the right camera truly stands, and the scale of depths.
-
-    pitch_rad, roll_rad, yaw_rad: P_right = Rx(pitch) Rz(roll) Ry(yaw) P, by which it is turned out of the pair that
-    the calibration describes. depth_scale: true depth over the depth by focal length and baseline as calibrated.
-    """
-
-    pitch_rad: float = 0.0
-    roll_rad: float = 0.0
-    yaw_rad: float = 0.0
-    depth_scale: float = 1.0
-
-    @property
-    def R_turned_assumed(self) -> Array:
-        """(3, 3) from where the calibration has the right camera to where it is."""
-        return road_rotation(self.pitch_rad, self.roll_rad) @ rotation_y(self.yaw_rad)
-
-    @property
-    def nothing(self) -> bool:
-        """Whether it changes nothing."""
-        return self == PairCorrection()
+from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import PairCorrection
 
 
 def maps_of(
@@ -106,6 +83,11 @@ class MendedSource:
         """The source's."""
         return self.source.live
 
+    @cached_property
+    def calibration(self) -> StereoCalibration:
+        """What describes the pair mended, for the same pictures."""
+        return mended_calibration(self.source, self.correction)
+
     def __len__(self) -> int:
         return len(self.source)
 
@@ -120,6 +102,14 @@ class MendedSource:
         # cubic: a blurred picture beside a sharp one would match worse
         right = cv2.remap(frame.right, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         return dataclasses.replace(frame, right=np.asarray(right, dtype=np.uint8))
+
+
+def mended_calibration(source: FrameSource, correction: PairCorrection) -> StereoCalibration:
+    """The calibration of the source's own pictures with the right camera where it truly is, its lenses kept."""
+    own: StereoCalibration | None = getattr(source, "calibration", None)
+    if own is None:
+        own = StereoCalibration.of_camera(source.camera)
+    return own.mended(correction.R_turned_assumed, correction.depth_scale)
 
 
 def mended(source: FrameSource, correction: PairCorrection) -> FrameSource:

@@ -18,3 +18,16 @@ def warm_up() -> None:
     one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
     rays = np.ascontiguousarray(np.random.default_rng(0).uniform(0.1, 0.4, (5, 12)))
     vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3, 3)
+    _warm_up_pair()
+
+
+def _warm_up_pair() -> None:
+    import numpy as np
+
+    from stereocalib_core.back.rig.relative_yaw import StereoTracks, solve_yaw
+    from stereocalib_core.config import PairConfig
+    from stereocalib_core.geometry import StereoCamera
+
+    rays = np.random.default_rng(0).uniform(0.05, 0.3, (6, 40))
+    tracks = StereoTracks(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5), rays, np.array([0, 0, 40]))
+    solve_yaw(tracks, np.zeros((2, 7)), np.array([False, True]), (0.0, 0.0), PairConfig())

@@ -21,7 +21,7 @@ from stereocalib_core.results import FrameResult, Measured, Pair
 Verdict = Literal["good", "suspect", "bad"]
 
 
-def _robust_mean(values: Array, sigma: Array) -> tuple[Array, Array]:
+def robust_mean(values: Array, sigma: Array) -> tuple[Array, Array]:
     """Column means and their standard deviations of (N, K) values with (N, K) sigma, outliers bounded."""
     centre = np.median(values, axis=0)
     spread = np.maximum(SIGMA_PER_MAD * np.median(np.abs(values - centre), axis=0), 1e-12)
@@ -65,16 +65,15 @@ def summarise(
     measured = [(r.frame, r.rectification) for r in results if r.rectification is not None]
     if len(swapped) > max(2, 0.5 * len(results)) or (swapped and not measured):
         why = f"left and right are swapped: negative disparities in {len(swapped)} of {len(results)} frames"
-        return Pair("bad", why)
+        return Pair("bad", why, rows_verdict="bad", rows_why=why)
     if len(measured) < config.min_frames:
-        return Pair(
-            "suspect", f"only {len(measured)} of {len(results)} frames could be matched: not measured"
-        )
+        why = f"only {len(measured)} of {len(results)} frames could be matched: not measured"
+        return Pair("suspect", why, rows_verdict="suspect", rows_why=why)
     frames = np.array([frame for frame, _ in measured])
     values = np.array([s.values for _, s in measured])
     sigma = np.sqrt(np.array([np.diag(s.covariance) for _, s in measured]))
     part = _worst_part(np.rad2deg(values[:, 1:]), config.window)
-    mean, error = _robust_mean(values[part], sigma[part])
+    mean, error = robust_mean(values[part], sigma[part])
     keystone = float(np.median([s.keystone_rad for (_, s), used in zip(measured, part, strict=True) if used]))
     pitch, roll = np.rad2deg(mean[1:])
     pitch_error, roll_error = np.rad2deg(error[1:])
@@ -109,4 +108,6 @@ def summarise(
         frames=len(measured),
         first=first,
         last=last,
+        rows_verdict=verdict,
+        rows_why=why,
     )

@@ -169,3 +169,10 @@ def surfaces(seen: Array, width: int, cell_px: int, least: int, flat_px: float) 
                     count += 1
         first = last
     return found[:count]
+
+
+def warm_up() -> None:
+    """Compile the loops by a small made-up scan."""
+    scan = np.ones((8, 4), np.float32)
+    seen = in_picture(scan, np.eye(4), (100.0, 50.0, 50.0, 50.0), (100, 100), 2, 0.5, 10.0)
+    surfaces(np.concatenate([seen, np.random.default_rng(0).uniform(4.0, 8.0, (30, 3))]), 100, 4, 3, 9.0)
