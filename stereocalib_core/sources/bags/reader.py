@@ -22,6 +22,8 @@ from stereocalib_core.sources.bags.storages import (
 
 SMALL_BYTES = 64 << 20
 """Packed bags up to this size are unpacked once for the cameras' own times: five seconds of the slowest packing."""
+METADATA_BYTES = 256 << 10
+"""A bag of a hundred topics in a hundred files says about 60 kB."""
 NO_ROSBAGS = "install it: pip install 'stereocalib[bags]'"
 
 
@@ -125,6 +127,8 @@ def _files(path: Path) -> list[Path]:
             raise SourceError(
                 "no bag in the folder", path, "a ROS 2 bag needs its metadata.yaml; or name its file"
             )
+        if (path / "metadata.yaml").stat().st_size > METADATA_BYTES:
+            raise SourceError("metadata.yaml too large", path, f"at most {METADATA_BYTES >> 10} kB are read")
         return [path / "metadata.yaml", *found]
     if not path.is_file():
         raise SourceError("no such bag", path, "check the path")

@@ -127,12 +127,17 @@ class SqliteStorage:
     def entries(self, topic: str) -> list[Entry]:
         """See `Storage`."""
         query = (
-            "SELECT messages.id, timestamp, substr(data, 1, ?) FROM messages JOIN topics ON topics.id = topic_id "
+            "SELECT messages.id, timestamp FROM messages JOIN topics ON topics.id = topic_id "
             "WHERE topics.name = ? ORDER BY timestamp, messages.id"
         )
         with self._lock:
-            rows = self._base.execute(query, (STAMP_BYTES, topic)).fetchall()
-        return [Entry(t, None if self._packed else cdr_stamp(bytes(data)), row) for row, t, data in rows]
+            rows = self._base.execute(query, (topic,)).fetchall()
+            return [Entry(log_ns, None if self._packed else self._stamp(row), row) for row, log_ns in rows]
+
+    def _stamp(self, row: int) -> int | None:
+        """The header's stamp. A function of SQL on the message would read all of it, an open blob its first page."""
+        with self._base.blobopen("messages", "data", row, readonly=True) as blob:
+            return cdr_stamp(blob.read(STAMP_BYTES))
 
     def raw(self, entry: Entry) -> bytes:
         """See `Storage`."""

@@ -4,6 +4,7 @@ to half its width, or in two files (`video:left.mp4,right.mp4?...`), or a live d
 from __future__ import annotations
 
 import dataclasses
+import os
 import threading
 from pathlib import Path
 from typing import Any
@@ -156,6 +157,8 @@ class FileReader:
     """Frame i of a video file, whichever order they are asked for in."""
 
     def __init__(self, path: Path) -> None:
+        # damaged frames are failures of the drive, not lines of the decoder on stderr
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
         self._path = path
         self._lock = threading.Lock()
         self._capture = cv2.VideoCapture(str(path))
