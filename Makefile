@@ -30,6 +30,7 @@ check: $(DEV)  ## format, lint, types, arrows between the rooms
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m pytest tests/app/test_house.py
 
 docs: $(DEV)  ## the documentation as a site in build/site
 	$(PIP) -e '.[docs]'
