@@ -7,8 +7,8 @@ from pathlib import Path
 
 from stereocalib_app.boards.page import LidarPage
 from stereocalib_app.boards.session import LidarSession
-from stereocalib_app.cli.until_stopped import until_stopped
 from stereocalib_app.server.security import LocalServer, create_server, stop_server
+from stereocalib_app.server.until_stopped import until_stopped
 
 
 @dataclass(frozen=True)

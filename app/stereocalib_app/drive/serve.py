@@ -58,8 +58,8 @@ def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
 def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening | None = None) -> None:
     """Show a drive in the browser until Ctrl-C (raises KeyboardInterrupt). Prints the page's address when ready."""
     hub = start(spec, host, port, opening)
-    from stereocalib_app.cli.until_stopped import until_stopped
     from stereocalib_app.server.security import stop_server
+    from stereocalib_app.server.until_stopped import until_stopped
 
     try:
         until_stopped(hub.server, host)
