@@ -21,6 +21,8 @@ class StereoFrame:
     left, right: (H, W) uint8 grey images, or None where `failure` says why.
     lidar: (N, 4) float32 points x y z [m] and intensity in the LiDAR's frame, or None.
     camera: the pair's own where it differs from the recording's, as in sets of single pairs.
+    lidar_sweep: turns of the LiDAR from frame to frame, > 0 counter-clockwise seen from above, with the shutter when it
+        faces ahead; 0: a scan of one moment, or made one; None: not known.
     """
 
     index: int
@@ -30,6 +32,7 @@ class StereoFrame:
     failure: Failure | None = None
     lidar: NDArray[np.float32] | None = None
     camera: StereoCamera | None = None
+    lidar_sweep: float | None = None
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from stereocalib_core.config.front import (
     LimitsConfig,
     ProfileConfig,
 )
-from stereocalib_core.config.lidar import RoadCheckConfig, ScanSampleConfig
+from stereocalib_core.config.lidar import LidarAlignmentConfig, RoadCheckConfig, ScanSampleConfig
 from stereocalib_core.config.odometry import OdometryConfig
 from stereocalib_core.config.pair import PairConfig, ScanDisparityConfig
 from stereocalib_core.config.strict import STRICT
@@ -46,7 +46,8 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
-    "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig", "LimitsConfig",
+    "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig",
+    "LidarAlignmentConfig", "LimitsConfig",
     "Method", "MountConfig", "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
     "RoadCheckConfig", "RoadPointsConfig", "ScanDisparityConfig", "ScanSampleConfig",
     "ShiftAlarmConfig", "TracksConfig", "VehicleConfig",
@@ -80,6 +81,7 @@ class PipelineConfig:
     road_check: RoadCheckConfig = RoadCheckConfig()
     scan_sample: ScanSampleConfig = ScanSampleConfig()
     scan_disparity: ScanDisparityConfig = ScanDisparityConfig()
+    lidar_alignment: LidarAlignmentConfig = LidarAlignmentConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:

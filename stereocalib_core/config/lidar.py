@@ -106,3 +106,98 @@ class ScanSampleConfig:
     """Of a scan and of a picture: keeps a frame at some 25 kB."""
     most_points: int = 400
     """The same for points and patches."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class LidarAlignmentConfig:
+    """All six between LiDAR and camera from depth edges, surfaces and the road, stretch by stretch."""
+
+    widths_px: tuple[float, ...] = (12.0, 8.0, 5.0, 3.0, 2.0)
+    """Gauss curves by which edges are matched along a row, coarse to fine. The first reaches what the search for yaw
+    leaves: half its step and 10 cm at 5 m, 14 px; the last is the spread of true matches on real drives (2.3 px)."""
+    near_widths: int = 3
+    """So many of them, the last, where a stretch near by is known: 5 px catch a slip of 1 deg (12 px) in its tails."""
+    rounds: int = 3
+    """Gauss-Newton steps at each width."""
+    row_tolerance_px: float = 3.0
+    """Matches lie within so many rows: edges are kept every 4 px."""
+    disparity_tolerance_px: float = 1.0
+    """1 sigma by which the disparities of a match differ: of a break in the disparity, four times that of a surface."""
+    disparity_tolerance_share: float = 0.05
+    """And as a share of the disparity: the near side of an edge need not face the camera."""
+    half_contrast: float = 8.0
+    """Contrast [grey/px] at which a picture edge counts for half: a step of 30 grey, well above the noise of 2."""
+    background: float = 0.3
+    """How likely no match is against a match at its best: some 15 % of beam edges find one on real drives, of the three
+    or so picture edges within reach."""
+    surfaces_from_px: float = 3.0
+    """Surfaces join when edges are matched this closely: before that, points fall on the wrong surface."""
+    patch_half_px: float = 8.0
+    """Half of the square over which a surface of the picture was fitted (`scan_sample.patch_px`)."""
+    surface_sigma_px: float = 0.5
+    """1 sigma of a surface's disparity: twice the matcher's noise, since the whole square shares its error."""
+    surface_most_px: float = 4.0
+    """Points farther off are of something else."""
+    thing_m: float = 1.0
+    """All in one square of the ground of this size is one thing, with one error: a trunk, the corner of a car."""
+    correlated_frames: float = 5.0
+    """So many road residuals count as one, as in the road's own check."""
+    prior_angle_deg: float = 2.0
+    """1 sigma of what a LiDAR may be off before it is looked at: wide enough to say nothing where edges do."""
+    prior_length_m: float = 0.2
+    prior_edge_px: float = 2.0
+    """1 sigma by which scan and picture may differ in how wide things are: a beam of 0.1 deg, the matcher's window."""
+    prior_offset_px: float = 1.0
+    """1 sigma of a disparity offset: 0.08 deg between the two cameras."""
+    prior_scale: float = 0.02
+    """1 sigma of a scale of disparity: focal length or baseline wrong by 2 %."""
+    known_sweep_sigma: float = 0.0005
+    """1 sigma of how far the LiDAR turns from frame to frame where it is known: so small that it stays, against many
+    thousand edges that each count in full on the way to the solution."""
+    sweep_scans: int = 40
+    """Scans by which it is found where it is not known."""
+    search_yaw_deg: float = 2.0
+    """Yaw is looked for this far to either side."""
+    search_steps: int = 21
+    """In so many steps: 0.2 deg or 2.5 px, half of `search_width_px`."""
+    search_width_px: float = 5.0
+    search_scans: int = 15
+    """And by so many scans, evenly chosen."""
+    systematic_px: float = 0.25
+    """1 sigma of an edge that more edges do not remove: a quarter of a pixel, as an angle, and as a shift at
+    `systematic_range_m`."""
+    systematic_range_m: float = 15.0
+    """Where the things are that tell x and z."""
+    stretch_scans: int = 30
+    """Three seconds at 10 Hz: some 200 things pass by."""
+    hop_scans: int = 10
+    """A slip is looked for at every so many scans."""
+    least_scans: int = 10
+    """Fewer say nothing of yaw, x and z."""
+    most_scans: int = 90
+    """Of a longer part so many are used, evenly chosen: the rest repeats them."""
+    most_slips: int = 6
+    """After as many the LiDAR is loose, and where it was when is of no use."""
+    least_slip_deg: float = 0.1
+    """Smaller slips in angle are not reported: 1.2 px, half the spread of edges."""
+    least_slip_m: float = 0.025
+    """The same for shifts: as the road's check has it for height."""
+    slip_sigmas: float = 4.0
+    """A slip stands out by so many sigma: by chance once in 16,000 looks, where a drive of 1,000 scans has 600."""
+    most_sigma_deg: float = 0.1
+    """Yaw known less well than this is not given."""
+    most_sigma_m: float = 0.05
+    """The same for x and z."""
+    least_things: int = 30
+    """Fewer things than this show no yaw: an open road."""
+    least_distinct: float = 3.0
+    """Edges match where they were found to this many times as well as at other yaws. Chosen on scans put to pictures of
+    other moments, which reach 2.6, against those of the same moment on the same drives (two real, one rendered), which
+    start at 5.6."""
+    limit_yaw_deg: float = 0.25
+    """A calibration off by more than this from the start, by `certain_sigmas`, raises the alarm: as for pitch."""
+    limit_shift_m: float = 0.08
+    """The same for x and z: what calibrations by targets differ by from each other."""
+    certain_sigmas: float = 3.0
+    told_frames: int = 5
+    """Who has slipped is told by the camera's path this near the slip."""

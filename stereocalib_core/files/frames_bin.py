@@ -11,7 +11,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -206,6 +206,7 @@ def _pack(done: Done) -> bytes:
             arrays.put(r.scan.packed_picture_edges),
             arrays.put(r.scan.packed_points),
             arrays.put(r.scan.packed_patches),
+            None if np.isnan(r.scan.sweep) else r.scan.sweep,
         ],
         "disparities": arrays.put(r.disparities),
         "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
@@ -220,6 +221,11 @@ def _number(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(type(value).__name__)
+
+
+def _scan_sample(arrays: _Arrays, stored: Sequence[Any]) -> ScanSample:
+    T, beams, edges, points, patches = (arrays.get(place) for place in stored[:5])
+    return ScanSample(T, beams, edges, points, patches, float("nan") if stored[5] is None else stored[5])
 
 
 def _unpack(payload: bytes) -> Done:
@@ -252,7 +258,7 @@ def _unpack(payload: bytes) -> Done:
         tuple(Check(**check) for check in values["checks"]),
         MappingProxyType(values["timing_ms"]),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
-        None if scan is None else ScanSample(*(arrays.get(place) for place in scan)),
+        None if scan is None else _scan_sample(arrays, scan),
         arrays.get(values["disparities"]),
     )
     return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

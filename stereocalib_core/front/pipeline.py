@@ -157,7 +157,8 @@ class FrontEnd:
         if frame.left is not None and road.disparity is not None:
             over = None if result.road is None else result.road.extrinsics
             sample = sample_scan(
-                frame.lidar, frame.left, road.disparity, self.camera, T, over, config.scan_sample
+                *(frame.lidar, frame.left, road.disparity, self.camera, T, over),
+                *(config.scan_sample, frame.lidar_sweep),
             )
         seen = None
         if frame.left is not None and frame.right is not None and road.disparity is not None:

@@ -114,11 +114,12 @@ class LidarShift:
     """One finding: `step` (moved during the drive) or `offset` (the calibration is off from the start).
 
     frame: the first frame that shows it. detected_at: the frame by which it was certain.
-    size, sigma: [m] for height, else [rad]. moved: which of the two, as far as the camera's own road tells.
+    size, sigma: [m] for height, x, z, else [rad]. moved: which of the two, as far as the camera's own road and path
+    tell.
     """
 
     frame: int
-    axis: Literal["height", "pitch", "roll"]
+    axis: Literal["height", "pitch", "roll", "yaw", "x", "z"]
     size: float
     sigma: float
     kind: Literal["step", "offset"]
@@ -130,7 +131,8 @@ class LidarShift:
 class Residual:
     """LiDAR minus camera on one axis over a drive [m or rad].
 
-    scatter: 1.4826 times the median distance from the median. rms: about the median. sigma: of one frame.
+    scatter: 1.4826 times the median distance from the median. rms: about the median. sigma: of one value: of one frame
+    for height, pitch and roll, of one stretch for yaw, x and z.
     """
 
     median: float
@@ -155,10 +157,42 @@ class LidarSeries:
 
 
 @dataclass(frozen=True)
+class LidarStretches:
+    """All six between LiDAR and camera, stretch by stretch; S entries.
+
+    first, last: (S,) frame numbers. values, sigma: (S, 6) height [m], pitch, roll, yaw [rad], x, z [m] by which the
+    LiDAR stands otherwise than calibrated, in the camera's axes and with the signs of its extrinsics.
+    """
+
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    values: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class LidarPose:
+    """Where the LiDAR stands, after the last slip if there was one.
+
+    calibrated, T_camera_lidar: (4, 4) as it was told and as it was found. six, sigma: (6,) of the difference, as in
+    `LidarStretches`, NaN where it was not measured and left as told. first, last: the frames that say so.
+    """
+
+    calibrated: Array
+    T_camera_lidar: Array
+    six: Array
+    sigma: Array
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
 class LidarCheck:
     """Do camera and LiDAR still agree? frames: how many say so. unseen: what they cannot say.
 
-    series: the residuals behind it, where they are at hand.
+    yaw_rad, x_m, z_m: None where they could not be measured; why: what was lacking.
+    series, stretches: the residuals behind it, where they are at hand. pose: where the LiDAR is, for a mended
+    calibration.
     """
 
     height_m: Residual
@@ -168,6 +202,12 @@ class LidarCheck:
     frames: int
     unseen: str
     series: LidarSeries | None = None
+    yaw_rad: Residual | None = None
+    x_m: Residual | None = None
+    z_m: Residual | None = None
+    why: str | None = None
+    stretches: LidarStretches | None = None
+    pose: LidarPose | None = None
 
 
 @dataclass(frozen=True)

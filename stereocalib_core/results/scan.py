@@ -24,6 +24,7 @@ class ScanSample:
     """What is kept of one LiDAR scan and of the pictures of the same moment (see `front.scan.scan_sample`).
 
     T_camera_lidar: (4, 4) as calibrated: with it the rest was chosen.
+    sweep: turns of the LiDAR from frame to frame, as `StereoFrame.lidar_sweep`; NaN = not known.
     The others are int16, fixed-point, and are read through the properties below.
     """
 
@@ -32,6 +33,7 @@ class ScanSample:
     packed_picture_edges: NDArray[np.int16]
     packed_points: NDArray[np.int16]
     packed_patches: NDArray[np.int16]
+    sweep: float
 
     @classmethod
     def pack(
@@ -41,6 +43,7 @@ class ScanSample:
         picture_edges: NDArray[np.float64],
         points: NDArray[np.float64],
         patches: NDArray[np.float64],
+        sweep: float | None = None,
     ) -> ScanSample:
         """From what the properties give, rounded."""
         return cls(
@@ -49,6 +52,7 @@ class ScanSample:
             _fixed(picture_edges, _PICTURE_EDGE),
             _fixed(points, _POINT),
             _fixed(patches, _PATCH),
+            float("nan") if sweep is None else sweep,
         )
 
     @property

@@ -32,8 +32,9 @@ class Parts:
 
     found: the calibration of the pictures. times, times_name: the list of times, one a row, and its file's name.
     truth: gives the truth once the times of the frames are known. scans: number to LiDAR file.
-    T_camera_lidar: (4, 4) into the left camera of the pictures. files: all that the numbers depend on beside the
-    pictures. size_matters: whether a calibration without a size is checked against the pictures by its centre.
+    T_camera_lidar: (4, 4) into the left camera of the pictures. lidar_sweep: as in `StereoFrame`.
+    files: all that the numbers depend on beside the pictures. size_matters: whether a calibration without a size is
+    checked against the pictures by its centre.
     """
 
     kind: str
@@ -46,6 +47,7 @@ class Parts:
     truth: Truth | None = None
     scans: Mapping[int, Path] = field(default_factory=dict)
     T_camera_lidar: Array | None = None
+    lidar_sweep: float | None = None
     notices: Sequence[str] = ()
     files: Iterable[Path] = ()
     key: Sequence[object] = ()
@@ -70,7 +72,7 @@ def recording(parts: Parts) -> Recording:
     T_camera_lidar = None
     if parts.scans and parts.T_camera_lidar is not None:
         T_camera_lidar = turned(parts.T_camera_lidar, ready)
-        load, notes = with_scan(load, dict(parts.scans), pairs.rows)
+        load, notes = with_scan(load, dict(parts.scans), pairs.rows, parts.lidar_sweep)
         notices += notes
     files = [*pairs.present(), *parts.files, *parts.found.files, *parts.scans.values()]
     return Recording(

@@ -39,14 +39,22 @@ def read_scan(path: Path) -> NDArray[np.float32] | None:
 
 
 def with_scan(
-    load: Callable[[int], StereoFrame], scans: dict[int, Path], rows: Sequence[int]
+    load: Callable[[int], StereoFrame],
+    scans: dict[int, Path],
+    rows: Sequence[int],
+    sweep: float | None = None,
 ) -> tuple[Callable[[int], StereoFrame], list[str]]:
-    """The same reader with each frame's scan added where there is one, and a notice when some have none."""
+    """The same reader with each frame's scan added where there is one, and a notice when some have none.
+
+    sweep: as `StereoFrame.lidar_sweep`.
+    """
 
     def load_with_scan(index: int) -> StereoFrame:
         frame = load(index)
         path = scans.get(rows[index])
-        return frame if path is None else dataclasses.replace(frame, lidar=read_scan(path))
+        if path is None:
+            return frame
+        return dataclasses.replace(frame, lidar=read_scan(path), lidar_sweep=sweep)
 
     count = sum(row in scans for row in rows)
     notices = [] if count == len(rows) else [f"LiDAR scans for {count} of {len(rows)} frames"]

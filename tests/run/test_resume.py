@@ -61,8 +61,9 @@ def finished(index: int) -> Done:
         MappingProxyType({"disparity": 12.5}),
         RoadResidual(rng.normal(size=3), covariance, 4321),
         ScanSample(
-            rng.normal(size=(4, 4)), *(rng.integers(-9, 9, (n, 4)).astype(np.int16) for n in range(4))
+            rng.normal(size=(4, 4)), *(rng.integers(-9, 9, (n, 4)).astype(np.int16) for n in range(4)), 0.5
         ),
+        rng.normal(size=(7, 2)).astype(np.float32),
     )
     return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
 
@@ -78,7 +79,8 @@ def same(a: Done, b: Done) -> bool:
             r.tracks.on_road,
             r.rectification.values,
             done.memory.motion,
-            *(getattr(r.scan, field.name) for field in dataclasses.fields(r.scan)),
+            r.disparities,
+            *(np.array(getattr(r.scan, field.name)) for field in dataclasses.fields(r.scan)),
         )
         return [
             (r.frame, r.timestamp_s, r.road.extrinsics, r.road.inliers, r.road.free_fraction, r.road.range_m),

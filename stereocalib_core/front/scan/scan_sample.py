@@ -30,11 +30,13 @@ def sample_scan(
     T_camera_lidar: Array,
     road: Extrinsics | None,
     config: ScanSampleConfig,
+    sweep: float | None = None,
 ) -> ScanSample:
     """One scan (N, 4) float32 x y z [m] and intensity, and the left picture (H, W) with its disparity.
 
     T_camera_lidar: (4, 4) as calibrated; chooses what may be seen. road: what lies on it is no surface to compare,
     since the road has a comparison of its own; None = not known.
+    sweep: as `StereoFrame.lidar_sweep`.
     """
     lens = (
         *(float(camera.width), float(camera.height), camera.focal_px, camera.cx_px, camera.cy_px),
@@ -68,6 +70,7 @@ def sample_scan(
         _thinned(broken, config.most_edges),
         _thinned(points, config.most_points),
         _thinned(planes, config.most_points),
+        sweep,
     )
 
 

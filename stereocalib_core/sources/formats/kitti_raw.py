@@ -26,6 +26,9 @@ from stereocalib_core.system.text_file import read_text, to_numbers
 CALIB_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
 OTHER_CALIB = ("calib.txt",)
 OXTS_COLUMNS = 30
+VELODYNE_SWEEP = -1.0
+"""The Velodyne turns once a frame and triggers the cameras when it faces ahead; its scans are stored as they were taken
+(readme of the raw recordings). It turns clockwise: with that, drives of one day agree on where it stands."""
 OXTS_BYTES = 4096
 CAMERAS = ((0, 1), (2, 3))
 
@@ -91,6 +94,7 @@ def _open(spec: Spec) -> Recording:
             truth=lambda _times: _ground_truth(folder, pairs, T_camera_imu),
             scans=scans if T_camera_lidar is not None else {},
             T_camera_lidar=T_camera_lidar,
+            lidar_sweep=VELODYNE_SWEEP,
             notices=notices,
             files=[*(home / name for name in (*CALIB_FILES, *OTHER_CALIB)), times_file],
             key=[cameras],

@@ -103,7 +103,7 @@ class SyntheticSource:
             return StereoFrame(
                 index, time_s, None, None, Failure(FailureReason.MISSING_PAIR, "frame dropped"), scan
             )
-        return StereoFrame(index, time_s, left, right, None, scan)
+        return StereoFrame(index, time_s, left, right, None, scan, lidar_sweep=0.0)
 
     def _make(self, index: int) -> Pictures:
         """One frame from the disk or from the studio."""
