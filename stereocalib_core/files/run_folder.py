@@ -19,8 +19,12 @@ KITTI, TUM = "trajectory.txt", "trajectory.tum"
 RESULT_FILES = (CONFIG, RIG, EXTRINSICS, KITTI, TUM, REPORT)
 
 
-def write_run(drive: Drive, folder: Path) -> None:
-    """The files of a run; report.json last, so that its presence means that the others are there."""
+def write_run(drive: Drive, folder: str | Path) -> None:
+    """The files of a run, in a folder that is there; report.json last, so that it means that the others are there.
+
+    Raises OutputError.
+    """
+    folder = Path(folder)
     if drive.config is not None:
         whole_file.write_json(folder / CONFIG, settings.to_dict(drive.config))
     write_extrinsics_csv(folder / EXTRINSICS, drive.frames)
@@ -32,11 +36,12 @@ def write_run(drive: Drive, folder: Path) -> None:
     whole_file.write_json(folder / REPORT, report_of(drive))
 
 
-def load_run(folder: Path) -> Drive:
+def load_run(folder: str | Path) -> Drive:
     """What a run wrote, as a `Drive`; raises SourceError.
 
     Numbers are as exact as the files have them; poses are those of the best path, NaN for the other ones.
     """
+    folder = Path(folder)
     report = folder / REPORT
     if not report.is_file():
         raise SourceError("no run there", folder, "name the output folder of an earlier `stereocalib run`")
