@@ -73,6 +73,30 @@ def invert_transform(T_a_b: Array) -> Array:
     return result
 
 
+def quaternion_xyzw(R: Array) -> Array:
+    """(3, 3) rotation to (4,) unit quaternion x, y, z, w with w >= 0."""
+    K = np.array(
+        [
+            [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
+            [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
+            [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R[0, 0] + R[1, 1] + R[2, 2]],
+        ]
+    )
+    q = np.linalg.eigh(K)[1][:, -1]
+    return q if q[3] >= 0 else -q
+
+
+def ros2_static_transform(T_parent_child: Array, parent: str, child: str) -> str:
+    """The command that publishes a (4, 4) transform: ROS has the child's pose in the parent, as it stands."""
+    x, y, z = T_parent_child[:3, 3]
+    qx, qy, qz, qw = quaternion_xyzw(T_parent_child[:3, :3])
+    return (
+        f"ros2 run tf2_ros static_transform_publisher --x {x:.6f} --y {y:.6f} --z {z:.6f} "
+        f"--qx {qx:.8f} --qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} --frame-id {parent} --child-frame-id {child}"
+    )
+
+
 @dataclass(frozen=True)
 class StereoCamera:
     """A rectified stereo pair: equal focal lengths, parallel axes, rows aligned.

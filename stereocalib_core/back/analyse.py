@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocalib_core.back.evaluation import evaluate
+from stereocalib_core.back.lidar.all_six import with_all_six
 from stereocalib_core.back.lidar.road_check import check, who_moved
 from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
@@ -108,6 +109,7 @@ def analyse_openly(
     lidar = check(results, config.road_check)
     if lidar is not None:
         lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
+        lidar = with_all_six(lidar, results, camera, best.poses, config.lidar_alignment)
     mount = estimate_mount(
         results, motion, yaw_measured, lever, shifts, config.mount, config.shift_alarm.wheels
     )

@@ -10,8 +10,8 @@ import numpy as np
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.refine import Iteration, Noise
-from stereocalib_core.boards.rotations import quaternion_xyzw, roll_pitch_yaw
-from stereocalib_core.geometry import invert_transform
+from stereocalib_core.boards.rotations import roll_pitch_yaw
+from stereocalib_core.geometry import invert_transform, ros2_static_transform
 from stereocalib_core.numeric.arrays import Array
 
 
@@ -109,9 +109,4 @@ class Calibration:
 
     def ros2_static_transform(self, camera: str = "camera_optical_frame", lidar: str = "lidar") -> str:
         """The command that publishes it: parent camera, child LiDAR, so it carries T_camera_lidar as it stands."""
-        x, y, z = self.T_camera_lidar[:3, 3]
-        qx, qy, qz, qw = quaternion_xyzw(self.T_camera_lidar[:3, :3])
-        return (
-            f"ros2 run tf2_ros static_transform_publisher --x {x:.6f} --y {y:.6f} --z {z:.6f} "
-            f"--qx {qx:.8f} --qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} --frame-id {camera} --child-frame-id {lidar}"
-        )
+        return ros2_static_transform(self.T_camera_lidar, camera, lidar)

@@ -76,20 +76,6 @@ def rotation_from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: flo
     )
 
 
-def quaternion_xyzw(R: Array) -> Array:
-    """(3, 3) rotation to (4,) unit quaternion x, y, z, w with w >= 0."""
-    K = np.array(
-        [
-            [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
-            [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
-            [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
-            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R[0, 0] + R[1, 1] + R[2, 2]],
-        ]
-    )
-    q = np.linalg.eigh(K)[1][:, -1]
-    return q if q[3] >= 0 else -q
-
-
 def rigid(rotation: Array, translation: Array) -> Array:
     """(..., 3, 3) and (..., 3) to (..., 4, 4)."""
     if rotation.ndim == 2:

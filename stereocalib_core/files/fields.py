@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stereocalib_core.errors import SourceError
+from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import Measured
 
 REMEDY = "it was written by another version or by hand; run the drive again"
@@ -92,6 +95,17 @@ class Fields:
         return tuple(
             Fields({"entry": entry}, self.path, f"{self.within}{key}.").need("entry") for entry in entries
         )
+
+    def matrix(self, key: str, rows: int, columns: int) -> Array:
+        """(rows, columns) finite numbers, a list of rows, that must be there."""
+        entries = self._list(key)
+        found = [
+            Fields({"row": entry}, self.path, f"{self.within}{key}.").list_of_numbers("row")
+            for entry in entries
+        ]
+        if [len(row) for row in found] != [columns] * rows:
+            raise self._wrong(key, f"matrix of {rows} by {columns}")
+        return np.array(found)
 
     def pairs(self, key: str) -> tuple[tuple[int, int], ...]:
         """A list of pairs of whole numbers."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import SourceError
 from stereocalib_core.files.fields import Fields
 from stereocalib_core.files.io import MOUNT_KEYS
+from stereocalib_core.geometry import ros2_static_transform
 from stereocalib_core.results import (
     BEST,
     TO_DEGREES,
@@ -23,6 +24,7 @@ from stereocalib_core.results import (
     DrivePath,
     FrameTable,
     LidarCheck,
+    LidarPose,
     LidarShift,
     Measured,
     OdometryErrors,
@@ -39,6 +41,7 @@ from stereocalib_core.results.pair import Verdict
 Block = dict[str, Any]
 DEGREE = float(np.deg2rad(1.0))
 STATISTICS = {"height_m": "height_m", "pitch_deg": "pitch_rad", "roll_deg": "roll_rad"}
+LIDAR_AXES = ("height_m", "pitch_deg", "roll_deg", "yaw_deg", "x_m", "z_m")
 UNIT = {"height": "m", "pitch": "deg", "roll": "deg", "yaw": "deg", "x": "m", "z": "m"}
 
 
@@ -168,18 +171,39 @@ def _cause(cause: Cause) -> Block:
 
 
 def _lidar(check: LidarCheck) -> Block:
-    residuals = {"height_m": check.height_m, "pitch_deg": check.pitch_rad, "roll_deg": check.roll_rad}
+    residuals = (check.height_m, check.pitch_rad, check.roll_rad, check.yaw_rad, check.x_m, check.z_m)
     return {
         **{
-            key: {
+            key: None
+            if residual is None
+            else {
                 name: value * (float(TO_DEGREES[1]) if key.endswith("_deg") else 1.0)
                 for name, value in dataclasses.asdict(residual).items()
             }
-            for key, residual in residuals.items()
+            for key, residual in zip(LIDAR_AXES, residuals, strict=True)
         },
         "shifts": [{**_shift(found), "moved": found.moved} for found in check.shifts],
         "frames": check.frames,
         "unseen": check.unseen,
+        "why": check.why,
+        "T_camera_lidar": None if check.pose is None else lidar_pose(check.pose),
+    }
+
+
+def lidar_pose(pose: LidarPose) -> Block:
+    """Where the LiDAR stands, metres and degrees; null where a difference was not measured and is left as told."""
+    units = {name: 1.0 if name.endswith("_m") else float(TO_DEGREES[1]) for name in LIDAR_AXES}
+    return {
+        "found": pose.T_camera_lidar,
+        "calibrated": pose.calibrated,
+        "difference": {
+            name: _measured(Measured(float(value) * units[name], float(sigma) * units[name]))
+            if np.isfinite(value)
+            else None
+            for name, value, sigma in zip(LIDAR_AXES, pose.six, pose.sigma, strict=True)
+        },
+        "frames": [pose.first, pose.last],
+        "ros2_static_transform": ros2_static_transform(pose.T_camera_lidar, "camera_optical_frame", "lidar"),
     }
 
 
@@ -303,9 +327,12 @@ def _read_lidar(block: Fields) -> LidarCheck | None:
         entry = block.block(key)
         return Residual(*(entry.need(field.name) * unit for field in dataclasses.fields(Residual)))
 
+    def perhaps(key: str) -> Residual | None:
+        return residual(key) if block.block(key).values else None
+
     def shift(entry: Fields) -> LidarShift:
-        axis = entry.choice("axis", ("height", "pitch", "roll"), needed=True)
-        unit = 1.0 if axis == "height" else DEGREE
+        axis = entry.choice("axis", ("height", "pitch", "roll", "yaw", "x", "z"), needed=True)
+        unit = 1.0 if UNIT[axis] == "m" else DEGREE
         return LidarShift(
             int(entry.need("frame")),
             axis,
@@ -323,6 +350,27 @@ def _read_lidar(block: Fields) -> LidarCheck | None:
         tuple(shift(entry) for entry in block.blocks("shifts")),
         int(block.need("frames")),
         block.text("unseen") or "",
+        yaw_rad=perhaps("yaw_deg"),
+        x_m=perhaps("x_m"),
+        z_m=perhaps("z_m"),
+        why=block.text("why"),
+        pose=_read_lidar_pose(block.block("T_camera_lidar")),
+    )
+
+
+def _read_lidar_pose(block: Fields) -> LidarPose | None:
+    if not block.values:
+        return None
+    difference = block.block("difference")
+    found = [difference.measured(key, DEGREE if key.endswith("_deg") else 1.0) for key in LIDAR_AXES]
+    first, last = block.pair("frames")
+    return LidarPose(
+        block.matrix("calibrated", 4, 4),
+        block.matrix("found", 4, 4),
+        np.array([np.nan if one is None else one.value for one in found]),
+        np.array([np.nan if one is None else one.sigma for one in found]),
+        first,
+        last,
     )
 
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import OutputError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, horizon
-from stereocalib_core.results import TO_DEGREES, DisparityMap, Drive, FrameResult, LidarShift, Shift
+from stereocalib_core.results import ANGLES, TO_DEGREES, DisparityMap, Drive, FrameResult, LidarShift, Shift
 
 APPLICATION = "stereocalib"
 AXES = ("height_m", "pitch_deg", "roll_deg")
@@ -186,7 +186,7 @@ class Recorder:
 
 def shift_text(shift: Shift | LidarShift) -> str:
     """A shift in one line, in metres or degrees."""
-    size, unit = (shift.size, "m") if shift.axis == "height" else (np.rad2deg(shift.size), "deg")
+    size, unit = (np.rad2deg(shift.size), "deg") if shift.axis in ANGLES else (shift.size, "m")
     return f"{shift.kind} of {shift.axis} by {size:+.3f} {unit}"
 
 

@@ -10,13 +10,15 @@ from stereocalib_core import config as settings
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import read_extrinsics_csv, write_extrinsics_csv
+from stereocalib_core.files.lidar_mended import write_lidar_mended
 from stereocalib_core.files.report import drive_of, report_of
 from stereocalib_core.results import Drive
 from stereocalib_core.system import whole_file
 
 CONFIG, RIG, REPORT, EXTRINSICS = "config.json", "rig.yaml", "report.json", "extrinsics.csv"
 KITTI, TUM = "trajectory.txt", "trajectory.tum"
-RESULT_FILES = (CONFIG, RIG, EXTRINSICS, KITTI, TUM, REPORT)
+LIDAR = "lidar_mended.yaml"
+RESULT_FILES = (CONFIG, RIG, EXTRINSICS, KITTI, TUM, LIDAR, REPORT)
 
 
 def write_run(drive: Drive, folder: str | Path) -> None:
@@ -33,6 +35,8 @@ def write_run(drive: Drive, folder: str | Path) -> None:
     if drive.poses is not None:
         io.write_kitti(folder / KITTI, drive.poses)
         io.write_tum(folder / TUM, drive.frames.timestamp_s, drive.poses)
+    if drive.lidar is not None and drive.lidar.pose is not None:
+        write_lidar_mended(folder / LIDAR, drive.lidar.pose)
     whole_file.write_json(folder / REPORT, report_of(drive))
 
 

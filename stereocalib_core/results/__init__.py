@@ -1,6 +1,7 @@
 """What one room hands to the next: a `FrameResult` per frame, and the one `Drive`."""
 
 from stereocalib_core.results.drive import (
+    ANGLES,
     BEST,
     Axis,
     Cause,
@@ -44,6 +45,7 @@ from stereocalib_core.results.scan import ScanSample
 from stereocalib_core.results.table import AXES, FrameTable, Spread, column_name
 
 __all__ = [
+    "ANGLES",
     "AXES",
     "REFERENCE_M",
     "BendEffects",

@@ -22,6 +22,8 @@ from stereocalib_core.results.table import FrameTable
 Array = NDArray[np.float64]
 Axis = Literal["height", "pitch", "roll", "yaw"]
 
+ANGLES = ("pitch", "roll", "yaw")
+"""Axes of which a shift is in radians; of the others, in metres."""
 MIN_OK_FRACTION = 0.5
 """With fewer frames ok than this share, what a drive says must not be trusted."""
 BEST = "autocalibrated"

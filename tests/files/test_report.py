@@ -25,6 +25,7 @@ from stereocalib_core.results import (
     FrameResult,
     FrameTable,
     LidarCheck,
+    LidarPose,
     LidarShift,
     Measured,
     OdometryErrors,
@@ -39,6 +40,7 @@ from stereocalib_core.results import (
 from stereocalib_core.run.compare import compare, describe
 
 COUNT = 12
+LIDAR_FOUND = np.vstack([np.arange(12.0).reshape(3, 4), [0, 0, 0, 1]])
 AS_WRITTEN = {"rtol": 0.0, "atol": 1e-6}
 
 
@@ -84,9 +86,27 @@ def some_drive() -> Drive:
             residual,
             residual,
             residual,
-            (LidarShift(8, "roll", 0.01, 0.001, "step", 10, "lidar"),),
+            (
+                LidarShift(8, "roll", 0.01, 0.001, "step", 10, "lidar"),
+                LidarShift(9, "x", 0.05, 0.004, "step", 11, "camera"),
+                LidarShift(1, "yaw", 0.01, 0.001, "offset", 11, None),
+            ),
             COUNT,
-            "its yaw",
+            "its z",
+            None,
+            residual,
+            residual,
+            None,
+            "open road",
+            None,
+            LidarPose(
+                np.eye(4),
+                LIDAR_FOUND,
+                np.array([*np.arange(5) / 1e3, np.nan]),
+                np.array([1e-3] * 5 + [np.nan]),
+                3,
+                11,
+            ),
         ),
         causes=(Cause(7, 8, "DARK", "a tunnel", "wait for its end"),),
         timing=Timing({"disparity": 9.5, "total": 30.25}, 33.25),

@@ -9,7 +9,7 @@ import numpy as np
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.card import CardRow, card
-from stereocalib_core.results import Drive, LidarShift, Shift
+from stereocalib_core.results import ANGLES, Drive, LidarShift, Shift
 
 MOUNT = (
     ("height", "height_m", " m"),
@@ -29,7 +29,7 @@ def plain_units(line: str) -> str:
 
 def shift_words(shift: Shift | LidarShift) -> str:
     """A shift of the mount in words."""
-    value, unit = (shift.size, " m") if shift.axis == "height" else (float(np.rad2deg(shift.size)), "°")
+    value, unit = (float(np.rad2deg(shift.size)), "°") if shift.axis in ANGLES else (shift.size, " m")
     sign = "" if shift.size < 0 else "+"
     return f"{shift.kind} of {shift.axis} {sign}{text.number(value, 3, unit)} at frame {shift.frame}"
 
