@@ -11,13 +11,18 @@ from stereocalib_core.sources.sides import camera_number, side_of
 
 INSIDE = ("data", "images", "image", "data_rect", "image_rect", "rect", "frames", "imgs", "rgb")
 """Folders of pictures inside a camera's own folder."""
+HOMES = (
+    *("images", "image", "imgs", "pictures", "frames", "data", "cameras", "camera", "stereo", "rgb", "raw"),
+    *("rect", "rectified"),
+)
+"""Folders of a drive that hold both cameras. Not any: a folder of many drives is none of them."""
 MOST_FOLDERS = 200
 PAIRS = ((0, 1), (2, 3), (1, 2), (3, 4), (4, 5))
 
 
 def find_sides(folder: Path) -> Sides | None:
-    """The pictures of both cameras: in two folders, in two folders one level below, or in one by their names."""
-    for place in (folder, *_folders(folder)):
+    """The pictures of both cameras: in two folders or in one by their names, here or in a folder for pictures."""
+    for place in (folder, *(path for path in _folders(folder) if path.name.lower() in HOMES)):
         found = in_two_folders(place)
         if found is not None:
             return found

@@ -52,7 +52,13 @@ def test_paths_below_the_root_and_synthetic_drives_pass(shelf: Library) -> None:
     assert shelf.resolve("synthetic:plane?frames=3") == "synthetic:plane?frames=3"
 
 
-@pytest.mark.parametrize("text", ["synthetic?path=/etc/passwd", "video:0?camera=/etc/passwd"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("synthetic?path=/etc/passwd", "video:0?camera=/etc/passwd", "drive?calibration=/etc/passwd"),
+        *("drive?calibration=../secret/c.yaml", "drive?x=1"),
+    ],
+)
 def test_sources_that_read_other_files_are_refused(shelf: Library, text: str) -> None:
     with pytest.raises(SourceError):
         shelf.resolve(text)
@@ -66,17 +72,18 @@ def test_zip_names_that_lead_outside_are_refused(tmp_path: Path, name: str) -> N
     folder.mkdir()
     with pytest.raises(SourceError, match="unsafe"):
         unpack("x.zip", zipped({name: b"x"}), folder)
-    assert list(folder.iterdir()) == []
+    assert not folder.exists() or list(folder.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir() if path.name != "unpacked"] == []
 
 
 def test_links_bombs_and_rubbish_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SourceError, match="unsafe"):
-        unpack("x.zip", zipped({}, link="left"), tmp_path)
+        unpack("x.zip", zipped({}, link="left"), tmp_path / "b")
     with pytest.raises(SourceError, match="cannot be read"):
-        unpack("x.zip", b"no zip at all", tmp_path)
+        unpack("x.zip", b"no zip at all", tmp_path / "c")
     monkeypatch.setattr(library, "UNPACKED_BYTES", 10)
     with pytest.raises(SourceError, match="too much"):
-        unpack("x.zip", zipped({"a": b"x" * 11}), tmp_path)
+        unpack("x.zip", zipped({"a.png": b"x" * 11}), tmp_path / "a")
     monkeypatch.setattr(library, "UPLOAD_BYTES", 10)
     with pytest.raises(SourceError, match="too large"):
         unpack("x.zip", zipped({"a": b"x"}), tmp_path)
@@ -103,6 +110,8 @@ def test_every_damaged_zip_is_one_kind_line(tmp_path: Path, method: int) -> None
 
 
 def test_a_zip_without_a_drive_says_so(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no stereo drive in the zip"):
+        unpack("x.zip", zipped({"notes/readme.docx": b"hello"}), tmp_path / "nothing")
     unpack("x.zip", zipped({"notes/readme.txt": b"hello"}), tmp_path)
     with pytest.raises(SourceError, match="no stereo drive in the zip"):
         drive_folder(tmp_path, "mine.zip")

@@ -7,11 +7,13 @@ import shlex
 from pathlib import Path
 
 import pytest
-from conftest import REPO
 from sources.laid_out import LAYOUTS, drive_of
 
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
+
+REPO = Path(__file__).resolve().parents[2]
+
 
 PAGE = (REPO / "docs" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = {

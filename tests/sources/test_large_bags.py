@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import REPO
 
 pytest.importorskip("rosbags")
+
+REPO = Path(__file__).resolve().parents[2]
 
 PAIRS, SIZE = 160, (640, 480)
 STEP_NS = 100_000_000
@@ -22,6 +23,7 @@ import json, resource, sys, time
 from pathlib import Path
 import cv2, numpy, rosbags.highlevel, sqlite3, stereocalib_core.sources.formats
 from stereocalib_core.sources import open_source
+
 def read():
     return int(next(line.split()[1] for line in open("/proc/self/io") if line.startswith("rchar")))
 def peak():

@@ -3,15 +3,11 @@ drive, earlier runs, and small uploads."""
 
 from __future__ import annotations
 
-import lzma
 import shutil
-import stat
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Sequence
 from io import BytesIO
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
 from stereocalib_app.drive.earlier_run import open_run
@@ -23,14 +19,15 @@ from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.files.io import read_rig
 from stereocalib_core.results import Drive, FrameResult
 from stereocalib_core.run.calibrate import cut_truth, frame_range
-from stereocalib_core.sources import SourceKind, open_source, source_kind
+from stereocalib_core.sources import SourceKind, archive_files, open_source, parse, source_kind
 
 UPLOAD_BYTES = 200_000_000
 UNPACKED_BYTES = 1_000_000_000
 UNPACKED_FILES = 8_000
-DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError)
-"""What reading a damaged, encrypted or unusual zip raises."""
-DRIVE_FOLDERS = (SourceKind.KITTI_ODOMETRY, SourceKind.KITTI_RAW, SourceKind.FOLDER)
+DRIVE_FOLDERS = (
+    *(SourceKind.KITTI_ODOMETRY, SourceKind.KITTI_RAW, SourceKind.KITTI_360, SourceKind.KITTI_PAIRS),
+    *(SourceKind.EUROC, SourceKind.FOLDER),
+)
 
 
 def open_drive(
@@ -103,6 +100,9 @@ class Library:
             raise SourceError(
                 "outside the folder that the page may read", text[:200], f"stay below {self.root}"
             )
+        if parse(str(path)).options:
+            # a calibration that is named may lie anywhere, and what cannot be read of it would be said
+            raise SourceError("options are not open to the page", text[:200], "give them on the command line")
         return str(path)
 
     def open(self, text: str) -> Session:
@@ -135,33 +135,10 @@ class Library:
 
 
 def unpack(name: str, content: bytes, folder: Path) -> None:
-    """A zip below `folder`; refuses what is too large, links, and names that lead outside."""
+    """The parts of a drive in a zip, below `folder`; refuses what is too large, links, and names that lead outside."""
     if len(content) > UPLOAD_BYTES:
         raise SourceError("upload too large", name, f"at most {UPLOAD_BYTES // 1_000_000} MB")
-    try:
-        with zipfile.ZipFile(BytesIO(content)) as archive:
-            entries = archive.infolist()
-            if len(entries) > UNPACKED_FILES or sum(e.file_size for e in entries) > UNPACKED_BYTES:
-                raise SourceError("zip unpacks to too much", name, "at most 8000 files and 1 GB")
-            for entry in entries:
-                path = PurePosixPath(entry.filename.replace("\\", "/"))
-                link = stat.S_ISLNK(entry.external_attr >> 16)
-                if path.is_absolute() or ".." in path.parts or ":" in entry.filename or link:
-                    raise SourceError(
-                        "zip with an unsafe name", entry.filename[:100], "pack plain files only"
-                    )
-            for entry in entries:
-                if entry.is_dir():
-                    continue
-                target = folder / PurePosixPath(entry.filename.replace("\\", "/"))
-                target.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(entry) as source:
-                    data = source.read(entry.file_size + 1)
-                if len(data) > entry.file_size:
-                    raise SourceError("zip lies about its size", name, "pack it again")
-                target.write_bytes(data)
-    except DAMAGED as error:
-        raise SourceError("zip cannot be read", name, str(error) or "it ends too early") from error
+    archive_files.unpack(BytesIO(content), name, folder, UNPACKED_BYTES, UNPACKED_FILES)
 
 
 def drive_folder(folder: Path, name: str) -> Path:

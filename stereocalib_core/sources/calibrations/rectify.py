@@ -24,6 +24,9 @@ from stereocalib_core.geometry import Array, StereoCamera
 LARGEST_ZOOM, SMALLEST_ZOOM = 1.25, 0.4
 """The rectified focal length over the raw one: more would only enlarge noise, less throws resolution away."""
 BORDER_POINTS = 33
+RESIZED = 0.08
+"""Off the middle by so much (logarithm of the ratio), and by the same across and down: pictures that were resized after
+the calibration. Lenses sit within 3 % of the middle, and a cut takes away from one side."""
 SAME_VIEW_RAD = np.deg2rad(0.1)
 """A rectification that turns the left camera by more shows another part of the scene: its focal length and
 principal point do not suit a picture that keeps the left camera's own axes."""
@@ -127,6 +130,16 @@ def _check_principal_point(target: RectifiedPair, size: Size, where: object) -> 
     if not (-width < cx < 2 * width and -height < cy < 2 * height):
         what = f"principal point ({cx:g}, {cy:g}) px"
         raise SourceError(what, where, f"does not fit pictures of {width}x{height}")
+    if target.size is not None:
+        return
+    across, down = 2 * (cx + 0.5) / width, 2 * (cy + 0.5) / height
+    resized = abs(np.log(across)) > RESIZED and abs(np.log(down)) > RESIZED
+    if resized and abs(np.log(across / down)) < RESIZED / 2:
+        scale = 2.0 / (across + down)
+        other = f"{width / scale:.0f}x{height / scale:.0f}"
+        remedy = f"the principal point ({cx:g}, {cy:g}) is the middle of about {other}, pictures are {width}x{height}: "
+        remedy += f"scale focal length and principal point by {scale:.2f}, or state the size in a camera.yaml"
+        raise SourceError("calibration of pictures of another size", where, remedy)
 
 
 def ideal_target(pair: LensPair, size: Size | None) -> RectifiedPair:

@@ -31,14 +31,13 @@ def drive_in(folder: Path, name: str, options: dict[str, str] | None = None) -> 
     first: StereoCalibError | None = None
     for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:MOST_FOLDERS]:
         spec = dataclasses.replace(parse(str(place)), options=options or {})
-        for form in FORMATS:
-            if form.kind in (SourceKind.ARCHIVE, SourceKind.RUN) or not form.accepts(spec):
-                continue
-            try:
-                return form.open(spec)
-            except StereoCalibError as error:
-                first = first or error
-                break
+        form = next((form for form in FORMATS if form.accepts(spec)), None)
+        if form is None or form.kind is SourceKind.RUN:
+            continue
+        try:
+            return form.open(spec)
+        except StereoCalibError as error:
+            first = first or error
     if first is not None:
         raise first
     raise SourceError("no stereo drive in the zip", name, "pack left/ right/ camera.yaml, or KITTI")
