@@ -46,7 +46,7 @@ def test_a_zip_of_any_drive_opens(tmp_path: Path, own_temporary_folder: Path) ->
     source = open_source(plain)
     assert len(source) == 5
     assert source[4].left is not None and source[4].left[0, 0] == 4
-    assert source.name == "a"
+    assert source.name == "mine"
     unpacked = {path.name for path in own_temporary_folder.rglob("*")}
     assert "film.mov" not in unpacked and ".hidden.txt" not in unpacked
     kitti = pack(odometry_drive(tmp_path / "kitti", poses=6).parents[1], tmp_path / "b.zip")
