@@ -1,16 +1,21 @@
 """`make bench`: speeds as ratios to a yardstick measured in the same run, so that a busy machine does not lie.
 
 The yardstick is OpenCV's SGBM_3WAY on one full-size pair (128 disparities, block 5, P1 200, P2 800, two
-threads), interleaved with what is measured; every figure is the median.
+threads), interleaved with what is measured. Figures are medians of wall time; CPU is that of the whole process, per
+pair, so that what runs on several cores at once is counted in full.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
+import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import cv2
@@ -21,7 +26,8 @@ from stereocalib_core.back.odometry.packing import pack_tracks
 from stereocalib_core.back.odometry.trajectory import TrajectorySettings, trajectory
 from stereocalib_core.config import Method, PipelineConfig
 from stereocalib_core.frames import FrameSource, StereoFrame
-from stereocalib_core.front.pipeline import look_at_pair
+from stereocalib_core.front.matching import find_matcher
+from stereocalib_core.front.rows.self_check import examine
 from stereocalib_core.results import FrameResult, Tracks
 from stereocalib_core.run.calibrate import follow
 from stereocalib_core.sources import open_source
@@ -46,27 +52,73 @@ def _yardstick(frame: StereoFrame) -> Callable[[], object]:
     return lambda: matcher.compute(left, right)
 
 
-def _chain(source: FrameSource, method: Method, frames: Sequence[int]) -> Callable[[int], object]:
-    """Decode to extrinsics of one frame, the pair's self-check included."""
-    config = PipelineConfig(method=method)
+@dataclass(frozen=True)
+class Cost:
+    """Milliseconds per pair: wall, and CPU of all threads together."""
 
-    def call(k: int) -> object:
-        frame = source[frames[k % len(frames)]]
-        if frame.left is None or frame.right is None:
-            return None
-        return look_at_pair(source.camera, frame.left, frame.right, config)
+    wall_ms: float
+    cpu_ms: float
 
-    return call
+    def over(self, yardstick: Cost) -> dict[str, float]:
+        """With the ratios to the yardstick's wall time, as `--json` has it."""
+        base = yardstick.wall_ms
+        return {
+            "wall_ms": round(self.wall_ms, 3), "cpu_ms": round(self.cpu_ms, 3),
+            "wall_ratio": round(self.wall_ms / base, 4), "cpu_ratio": round(self.cpu_ms / base, 4),
+        }  # fmt: skip
 
 
-def _throughput_ms(source: FrameSource, frames: int) -> tuple[float, list[FrameResult]]:
-    """Milliseconds per frame of the whole front end, reading ahead as `run` does; and the results."""
-    first, began, results = min(4, frames), time.perf_counter(), []
-    for step in follow(source, PipelineConfig(), 0, frames):
+def cost(call: Callable[[int], object], count: int) -> Cost:
+    """Of `call(k)`, k = 0...count - 1, after two more to warm up: median wall time, mean CPU."""
+    for k in range(2):
+        call(k)
+    walls, cpu = [], time.process_time()
+    for k in range(count):
+        walls.append(_timed_ms(lambda k=k: call(k)))  # type: ignore[misc]
+    return Cost(float(np.median(walls)), 1e3 * (time.process_time() - cpu) / count)
+
+
+def stages(source: FrameSource, pairs: Sequence[StereoFrame]) -> dict[str, Cost]:
+    """What stands alone in the front end, each stage by itself over all pairs."""
+    config = PipelineConfig()
+    whole = [(p.index, p.left, p.right) for p in pairs if p.left is not None and p.right is not None]
+    matcher = find_matcher(config.disparity.matcher)
+    calls: dict[str, Callable[[int], object]] = {
+        "decode": lambda k: source[whole[k][0]],
+        "disparity": lambda k: matcher(whole[k][1], whole[k][2], source.camera, config.disparity),
+        "rows": lambda k: examine(source.camera, whole[k][1], whole[k][2], config.rectification),
+    }
+    return {name: cost(call, len(whole)) for name, call in calls.items()}
+
+
+def front_end(source: FrameSource, config: PipelineConfig, frames: int) -> tuple[Cost, list[FrameResult]]:
+    """The whole front end as `run` has it, decoding included, once it is under way; and the results."""
+    first, began, cpu, results = min(4, frames), time.perf_counter(), time.process_time(), []
+    for step in follow(source, config, 0, frames):
         results.append(step.done.result)
         if len(results) == first:
-            began = time.perf_counter()
-    return 1e3 * (time.perf_counter() - began) / max(frames - first, 1), results
+            began, cpu = time.perf_counter(), time.process_time()
+    count = max(frames - first, 1)
+    spent = 1e3 * (time.perf_counter() - began), 1e3 * (time.process_time() - cpu)
+    return Cost(spent[0] / count, spent[1] / count), results
+
+
+def on_one_core(spec: str, method: str, frames: int) -> Cost:
+    """The same in a process of its own that may use one core only."""
+    code = (
+        "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))});"
+        "import cv2; cv2.setNumThreads(1);"
+        "from stereocalib_core.benches import front_end as b; from stereocalib_core.sources import open_source;"
+        "from stereocalib_core.config import PipelineConfig;"
+        f"c, _ = b.front_end(open_source({spec!r}), PipelineConfig(method={method!r}), {frames});"
+        "print(c.wall_ms, c.cpu_ms)"
+    )
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
+    )
+    wall, cpu = map(float, done.stdout.split())
+    return Cost(wall, cpu)
 
 
 def _recompute_ms(source: FrameSource, results: list[FrameResult], frames: int) -> float:
@@ -109,34 +161,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; the exit code is 0 whatever the figures are."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__)
     parser.add_argument("--source", default=DEFAULT_SOURCE, help="any SOURCE of `stereocalib run`")
-    source = open_source(parser.parse_args(arguments).source)
-    write = sys.stdout.write
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    given = parser.parse_args(arguments)
+    source = open_source(given.source)
     cv2.setNumThreads(2)
-    frames = list(range(min(len(source), 60)))
-    pairs = [source[i] for i in frames]  # a synthetic drive is rendered before anything is timed
+    frames = min(len(source), 60)
+    pairs = [source[i] for i in range(frames)]  # a synthetic drive is rendered before anything is timed
     yardstick = _yardstick(next(p for p in pairs if p.left is not None))
-    methods: tuple[Method, ...] = ("paper", "direct")
-    chains = {method: _chain(source, method, frames) for method in methods}
-    times: dict[str, list[float]] = {"yardstick": [], **{m: [] for m in methods}}
-    for k in range(-2, CALLS):
-        for name, call in (("yardstick", lambda k: yardstick()), *chains.items()):
-            elapsed = _timed_ms(lambda call=call, k=k: call(k + 2))  # type: ignore[misc]
-            if k >= 0:
-                times[name].append(elapsed)
-    base = float(np.median(times["yardstick"]))
-    write(f"{Path(source.name).name}: {source.camera.width}x{source.camera.height}, {len(frames)} frames\n")
-    write(f"yardstick, SGBM_3WAY full size   {base:8.1f} ms   1.00\n")
+    methods: tuple[Method, ...] = ("direct", "paper")
+    costs: dict[str, Cost] = {}
+    before = cost(lambda k: yardstick(), CALLS)
+    costs |= stages(source, pairs)
+    results: list[FrameResult] = []
     for method in methods:
-        value = float(np.median(times[method]))
-        write(f"decode to extrinsics, {method:<8}   {value:8.1f} ms   {value / base:.2f}\n")
-    per_frame, results = _throughput_ms(source, len(frames))
-    after = float(np.median([_timed_ms(yardstick) for _ in range(CALLS)]))
-    write(
-        f"whole front end with tracks      {per_frame:8.1f} ms   {per_frame / (0.5 * (base + after)):.2f}\n"
+        costs[f"front end, {method}"], results = front_end(source, PipelineConfig(method=method), frames)
+        between = cost(lambda k: yardstick(), CALLS)
+        if hasattr(os, "sched_setaffinity"):
+            costs[f"front end, {method}, one core"] = on_one_core(given.source, method, frames)
+    after = cost(lambda k: yardstick(), CALLS)
+    base = Cost(
+        *(float(np.median([getattr(c, f.name) for c in (before, between, after)])) for f in fields(Cost))
     )
-    for count in (1100, 4500):
-        write(f"one variant of {count} frames      {_recompute_ms(source, results, count):8.1f} ms\n")
-    write(f"rendering                        {_render_rate(RENDER_SPEC):8.1f} stereo pairs a second\n")
+    name = Path(source.name).name
+    lines = [
+        f"{name}: {source.camera.width}x{source.camera.height}, {frames} pairs; ratios to the yardstick's wall time",
+        f"{'':<34}{'wall ms':>9}{'':>7}{'CPU ms':>9}",
+        f"{'yardstick, SGBM_3WAY full size':<34}{base.wall_ms:9.1f}   1.00{base.cpu_ms:9.1f}",
+    ]
+    for what, spent in costs.items():
+        ratio = spent.over(base)
+        lines.append(
+            f"{what:<34}{spent.wall_ms:9.1f}   {ratio['wall_ratio']:.2f}{spent.cpu_ms:9.1f}   {ratio['cpu_ratio']:.2f}"
+        )
+    recompute = {count: _recompute_ms(source, results, count) for count in (1100, 4500)}
+    lines += [f"{f'one variant of {count} frames':<34}{ms:9.1f}" for count, ms in recompute.items()]
+    rate = _render_rate(RENDER_SPEC)
+    lines.append(f"{'rendering, pairs a second':<34}{rate:9.1f}")
+    sys.stdout.write("\n".join(lines) + "\n")
+    if given.json is not None:
+        figures = {
+            "source": given.source, "pairs": frames, "yardstick": dataclasses.asdict(base),
+            "costs": {what: spent.over(base) for what, spent in costs.items()},
+            "one_variant_ms": recompute, "rendered_pairs_per_second": rate,
+        }  # fmt: skip
+        given.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     return 0
 
 
