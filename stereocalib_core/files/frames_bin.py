@@ -1,17 +1,21 @@
 """An append-only file of finished frames, from which a killed run goes on; a finished run leaves it as `frames.bin`.
 
-Layout: `MAGIC`, then records of `length, crc32, payload` (little endian). The first payload is a JSON header
-that names source, settings and first frame; every other one is a frame: the length of a JSON part, the JSON,
-and the raw arrays that it describes. Nothing in it is executed, and a record cut off by a kill is dropped.
+Layout: `MAGIC`, then records of `length, checksum, payload` (little endian). The checksum is the CRC-32 of this
+payload and of all before it, so that no record can be lost, doubled or moved unnoticed. The first payload is a JSON
+header that names source, settings and first frame; every other one is the next frame: the length of a JSON part,
+the JSON, and the raw arrays that it describes. Nothing in it is executed. A record cut off by a kill is dropped, and
+so are the zeros that a power cut leaves at the end of a file.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import struct
+import time
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -33,9 +37,11 @@ from stereocalib_core.results import (
     Tracks,
 )
 
-MAGIC = b"stereocalib checkpoint 5\n"
+MAGIC = b"stereocalib checkpoint 6\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
+SYNC_S = 1.0
+"""Between two waits for the disk: some milliseconds each, too much for every frame."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +54,23 @@ class Done:
 
 
 class Checkpoint:
-    """Writes one. Every record reaches the operating system before the next frame begins."""
+    """Writes one. Every record reaches the operating system before the next frame begins, so that a kill loses none,
+    and the disk within `SYNC_S`, which is all that a power cut takes."""
 
     def __init__(self, path: Path, header: Mapping[str, Any], keep: int | None = None) -> None:
         """Start a file, or go on after its first `keep` bytes."""
         self.path = path
         flags = os.O_WRONLY | os.O_CREAT | (0 if keep else os.O_TRUNC)
         try:
-            self._file = os.open(path, flags, 0o644)
+            self._file, self._synced = os.open(path, flags, 0o644), 0.0
             if keep:
                 os.ftruncate(self._file, keep)
                 os.lseek(self._file, 0, os.SEEK_END)
+                *_, self._chain = (record.chain for record in _walk(path))
             else:
-                _write(self._file, MAGIC + _framed(_canonical(header)))
+                _write(self._file, MAGIC)
+                self._chain = 0
+                self._add(_canonical(header))
         except OSError as error:
             raise OutputError(
                 "checkpoint cannot be written", path, error.strerror or "check the disk"
@@ -70,14 +80,23 @@ class Checkpoint:
         """Add a finished frame; gives it as it will be read again, so that both ways lead to the same bits."""
         payload = _pack(done)
         try:
-            _write(self._file, _framed(payload))
+            self._add(payload)
         except OSError as error:
             remedy = error.strerror or "check the disk"
             raise OutputError("checkpoint cannot be written", self.path, remedy) from error
         return _unpack(payload)
 
+    def _add(self, payload: bytes) -> None:
+        self._chain = zlib.crc32(payload, self._chain)
+        _write(self._file, _HEAD.pack(len(payload), self._chain) + payload)
+        if time.monotonic() - self._synced > SYNC_S:
+            os.fsync(self._file)
+            self._synced = time.monotonic()
+
     def close(self) -> None:
         """Close the file and leave it."""
+        with contextlib.suppress(OSError):
+            os.fsync(self._file)
         os.close(self._file)
 
 
@@ -86,57 +105,72 @@ def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], 
 
     Raises OutputError for a file of other source or settings, or one that is no checkpoint.
     """
-    stored, payloads, whole = _records(path)
+    stored, frames, whole = _read(path)
     now = json.loads(_canonical(header))
     if stored != now:
         changed = " and ".join(key for key in now if stored.get(key) != now[key]) or "something"
         remedy = f"{changed} changed; give the same options, or start afresh with --overwrite"
         raise OutputError("run of another source or other settings", path.parent, remedy)
-    return _frames(path, payloads), whole
+    return frames, whole
 
 
 def read_frames(path: Path) -> tuple[dict[str, Any], list[Done]]:
     """Header and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
-    header, payloads, _ = _records(path)
-    return header, _frames(path, payloads)
+    return _read(path)[:2]
 
 
-def _records(path: Path) -> tuple[dict[str, Any], list[bytes], int]:
-    """Header, frames, and how many bytes of the file are whole."""
+@dataclass(frozen=True)
+class _Record:
+    """payload; chain: the checksum up to and with it; end: where it ends in the file."""
+
+    payload: bytes
+    chain: int
+    end: int
+
+
+def _walk(path: Path) -> Iterator[_Record]:
+    """The whole records from the beginning of a file, as far as their checksums hold."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise OutputError("no checkpoint", path, "start afresh with --overwrite")
+            chain = 0
+            while len(head := file.read(_HEAD.size)) == _HEAD.size:
+                length, checksum = _HEAD.unpack(head)
+                payload = file.read(length) if 0 < length <= MAX_RECORD else b""
+                if not payload or len(payload) < length:
+                    return
+                chain = zlib.crc32(payload, chain)
+                if chain != checksum:
+                    return
+                yield _Record(payload, chain, file.tell())
     except OSError as error:
         raise OutputError("checkpoint cannot be read", path, error.strerror or "check its rights") from error
-    if not data.startswith(MAGIC):
-        raise OutputError("no checkpoint", path, "start afresh with --overwrite")
-    payloads, at = [], len(MAGIC)
-    while at + _HEAD.size <= len(data):
-        length, checksum = _HEAD.unpack_from(data, at)
-        payload = data[at + _HEAD.size : at + _HEAD.size + length]
-        if length > MAX_RECORD or len(payload) < length or zlib.crc32(payload) != checksum:
-            break
-        payloads.append(payload)
-        at += _HEAD.size + length
+
+
+def _read(path: Path) -> tuple[dict[str, Any], list[Done], int]:
+    """Header, frames, and how many bytes of the file are whole."""
+    records = _walk(path)
     try:
-        header = dict(json.loads(payloads[0]))
-    except (IndexError, ValueError, TypeError) as error:
+        first = next(records)
+        header = dict(json.loads(first.payload))
+    except (StopIteration, ValueError, TypeError) as error:
         raise OutputError("checkpoint without a header", path, "start afresh with --overwrite") from error
-    return header, payloads[1:], at
-
-
-def _frames(path: Path, payloads: list[bytes]) -> list[Done]:
+    frames, whole = [], first.end
     try:
-        return [_unpack(payload) for payload in payloads]
+        for record in records:
+            frames.append(_unpack(record.payload))
+            whole = record.end
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
+    begin = header.get("first frame", frames[0].result.frame if frames else 0)
+    if any(done.result.frame != begin + i for i, done in enumerate(frames)):
+        raise OutputError("checkpoint without all of its frames", path, "start afresh with --overwrite")
+    return header, frames, whole
 
 
 def _canonical(header: Mapping[str, Any]) -> bytes:
     return json.dumps(header, sort_keys=True).encode()
-
-
-def _framed(payload: bytes) -> bytes:
-    return _HEAD.pack(len(payload), zlib.crc32(payload)) + payload
 
 
 def _write(file: int, data: bytes) -> None:

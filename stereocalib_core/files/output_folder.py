@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import os
+import platform
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from stereocalib_core.errors import OutputError, StereoCalibError
+
+RUNNING = ".running"
+"""In the folder while a process works there; names it."""
 
 
 class OutputFolder:
@@ -36,15 +42,61 @@ class OutputFolder:
 
     def create(self) -> Path:
         """Make the folder and its parents; with `overwrite`, remove what an earlier run wrote."""
+        self.make()
+        return self.clear()
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Make the folder and keep it for this process; raises OutputError where another one works in it."""
+        self.make()
+        path = self.path / RUNNING
+        try:
+            file = self._lock(path)
+        except OSError as error:
+            remedy = error.strerror or "check its rights"
+            raise OutputError("output folder cannot be kept", self.path, remedy) from error
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+            os.close(file)
+
+    def _lock(self, path: Path) -> int:
+        while True:
+            file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                who = os.read(file, 200).decode(errors="replace").strip() or "it"
+                os.close(file)
+                self._occupied = True  # what is in it is not ours to undo
+                remedy = f"wait for the end of {who}, or stop it"
+                raise OutputError("another run works there", self.path, remedy) from None
+            with contextlib.suppress(FileNotFoundError):
+                if os.fstat(file).st_ino == path.stat().st_ino:
+                    os.truncate(file, 0)
+                    os.write(file, f"process {os.getpid()} on {platform.node()}\n".encode())
+                    return file
+            os.close(file)  # the one before has just left, and taken the file with it
+
+    def make(self) -> None:
+        """Make the folder and its parents."""
         missing = [p for p in (self.path, *self.path.parents) if not p.exists()]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            self._made = missing
+            self._made = missing or self._made
+        except OSError as error:
+            remedy = error.strerror or "check its rights"
+            raise OutputError("output folder cannot be made", self.path, remedy) from error
+
+    def clear(self) -> Path:
+        """With `overwrite`, remove what an earlier run wrote."""
+        try:
             if self._overwrite:
                 self._remove_owned()
         except OSError as error:
             remedy = error.strerror or "check its rights"
-            raise OutputError("output folder cannot be made", self.path, remedy) from error
+            raise OutputError("output folder cannot be emptied", self.path, remedy) from error
         return self.path
 
     def undo(self) -> None:

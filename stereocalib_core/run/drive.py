@@ -103,18 +103,10 @@ def run_drive(
     source = open_source(spec)
     start, stop = frame_range(frames, len(source))
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
-    resume = resume and not overwrite
-    if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
-        finished = _finished(job)
-        if finished is not None:
-            return finished
-    done, keep = read_checkpoint(out / CHECKPOINT, job.header()) if _resumable(out, resume) else ([], None)
-    if len(done) > stop - start:
-        remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
-        raise OutputError("stopped run of more frames", out, remedy)
-    folder.create()
+    done: list[Done] = []
     try:
-        return _run(job, done, keep, progress)
+        with folder.alone():
+            return _run_alone(job, folder, resume and not overwrite, done, progress)
     except StereoCalibError:
         folder.undo()
         raise
@@ -123,6 +115,25 @@ def run_drive(
             raise Interrupted(len(done), stop - start) from None
         folder.undo()
         raise
+
+
+def _run_alone(
+    job: Job, folder: OutputFolder, resume: bool, done: list[Done], progress: Progress | None
+) -> Drive:
+    """All of it, while nobody else works in the folder. `done` is filled with the frames as they are finished."""
+    out, count = job.out, job.stop - job.start
+    if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
+        finished = _finished(job)
+        if finished is not None:
+            return finished
+    keep = None
+    if _resumable(out, resume):
+        done[:], keep = read_checkpoint(out / CHECKPOINT, job.header())
+    if len(done) > count:
+        remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
+        raise OutputError("stopped run of more frames", out, remedy)
+    folder.clear()
+    return _run(job, done, keep, progress)
 
 
 def _resumable(out: Path, resume: bool) -> bool:

@@ -15,10 +15,16 @@ from stereocalib_core.errors import OutputError, SourceError
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write beside `path` and rename, so that a reader sees the old file or the new one, never a part."""
+    """Write beside `path` and rename, so that a reader sees the old file or the new one, never a part.
+
+    It is on the disk before it has its name, so that a power cut leaves no empty one either.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        with temporary.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
         raise OutputError("file cannot be written", path, error.strerror or "check the disk") from error

@@ -166,16 +166,63 @@ def test_other_settings_and_strange_files_are_refused(tmp_path: Path) -> None:
         (b"\x80\x04pickled", "no checkpoint"),
         (MAGIC, "without a header"),
         (MAGIC + record(b"no JSON"), "without a header"),
-        (MAGIC + record(b'{"source": "a"}') + record(b"{}"), "damaged checkpoint"),
+        (MAGIC + record(b'{"source": "a"}') + record(b"{}", b'{"source": "a"}'), "damaged checkpoint"),
     ):
         path.write_bytes(content)
         with pytest.raises(OutputError, match=what):
             read_checkpoint(path, {"source": "a"})
 
 
-def record(payload: bytes) -> bytes:
-    """A whole record with a right checksum, whatever is in it."""
-    return struct.pack("<II", len(payload), zlib.crc32(payload)) + payload
+def record(payload: bytes, before: bytes = b"") -> bytes:
+    """A whole record with a right checksum, whatever is in it. before: all payloads before it."""
+    return struct.pack("<II", len(payload), zlib.crc32(before + payload)) + payload
+
+
+def payloads(data: bytes) -> list[bytes]:
+    """Those of a checkpoint, the header first."""
+    found, at = [], len(MAGIC)
+    while at < len(data):
+        (length,) = struct.unpack_from("<I", data, at)
+        found.append(data[at + 8 : at + 8 + length])
+        at += 8 + length
+    return found
+
+
+def test_records_lost_doubled_or_moved_are_never_taken_for_the_run(tmp_path: Path) -> None:
+    path, header = tmp_path / CHECKPOINT, {"source": "a", "first frame": 0}
+    checkpoint = Checkpoint(path, header)
+    for i in range(5):
+        checkpoint.append(finished(i))
+    checkpoint.close()
+    head, *frames = payloads(path.read_bytes())
+    for order, whole in (([0, 2, 3, 4], 1), ([0, 1, 1, 2, 3, 4], 2), ([0, 2, 1, 3, 4], 1), ([1, 2, 3, 4], 0)):
+        chosen = [frames[i] for i in order]
+        # each with the checksum that it was written with: the chain breaks where the order does
+        chain = [b"".join([head, *frames[:i]]) for i in order]
+        data = MAGIC + record(head) + b"".join(map(record, chosen, chain))
+        path.write_bytes(data)
+        done = read_checkpoint(path, header)[0]
+        assert [d.result.frame for d in done] == list(range(whole))
+        # with checksums that fit, as only somebody who means it can make them
+        chain = [b"".join([head, *chosen[:i]]) for i in range(len(chosen))]
+        path.write_bytes(MAGIC + record(head) + b"".join(map(record, chosen, chain)))
+        with pytest.raises(OutputError, match="without all of its frames"):
+            read_checkpoint(path, header)
+
+
+def test_zeros_after_a_power_cut_are_the_end(tmp_path: Path) -> None:
+    path, header = tmp_path / CHECKPOINT, {"source": "a"}
+    checkpoint = Checkpoint(path, header)
+    checkpoint.append(finished(0))
+    checkpoint.close()
+    data = path.read_bytes()
+    path.write_bytes(data + bytes(4096))
+    done, whole = read_checkpoint(path, header)
+    assert (len(done), whole) == (1, len(data))
+    again = Checkpoint(path, header, whole)
+    again.append(finished(1))
+    again.close()
+    assert len(read_checkpoint(path, header)[0]) == 2
 
 
 @pytest.fixture(scope="module")
@@ -378,3 +425,27 @@ def test_resume_of_a_finished_run_is_of_that_run_only(tmp_path: Path) -> None:
     after = {path.name: path.read_bytes() for path in out.iterdir()}
     assert sorted(after) == sorted([*before, "recording.rrd"])
     assert all(after[name] == before[name] for name in SAME_BYTES)
+
+
+def test_two_runs_in_one_folder_are_one_too_many(tmp_path: Path) -> None:
+    out, said = tmp_path / "out", []
+
+    def meanwhile(done: int, *_: object) -> None:
+        if done != 1:
+            return
+        for options in ({"resume": True}, {"overwrite": True}):
+            with pytest.raises(OutputError, match="another run works there") as caught:
+                run_drive(SMALL_PLANE, out, **options)
+            said.append(str(caught.value))
+
+    drive = run_drive(SMALL_PLANE, out, progress=meanwhile)
+    assert drive.frames_ok == 3 and len(said) == 2
+    assert all(f"process {os.getpid()} on " in line and "\n" not in line for line in said)
+    assert not (out / ".running").exists()
+    run_drive(SMALL_PLANE, out, resume=True)  # finished: nothing to do, and nobody in the way
+
+
+def test_what_a_killed_run_leaves_keeps_nobody_out(tmp_path: Path) -> None:
+    (tmp_path / ".running").write_text("process 1 on nowhere\n")
+    assert run_drive(SMALL_PLANE, tmp_path, resume=True).frames_ok == 3
+    assert not (tmp_path / ".running").exists()
