@@ -121,11 +121,17 @@ def rectifying(load: Load, rectifier: Rectifier) -> Load:
     return load_rectified
 
 
-def calibration_for(
-    options: Mapping[str, str], *folders: Path, unit: str | None = None, what: str = ""
-) -> Found:
+def unit_of(options: Mapping[str, str]) -> str | None:
+    """The unit of a calibration's lengths that the user states, `unit=mm`; raises SourceError for what is none."""
+    unit = options.get("unit")
+    if unit not in (None, "m", "cm", "mm"):
+        raise SourceError(f"unit {str(unit)[:20]}", "the source's options", "use unit=m, unit=cm or unit=mm")
+    return unit
+
+
+def calibration_for(options: Mapping[str, str], *folders: Path, what: str = "") -> Found:
     """The calibration that the user named, else the first that lies in one of the folders; SourceError without."""
-    named = options.get("calibration")
+    named, unit = options.get("calibration"), unit_of(options)
     if named:
         return read_calibration(named, unit)
     for folder in folders:

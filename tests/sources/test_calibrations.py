@@ -410,3 +410,52 @@ def test_the_output_of_a_run_gives_its_mended_calibration(tmp_path: Path) -> Non
     mended = CASES["rectified"].mended(rotation_y(0.002))
     write_calibration(mended, "yaml", tmp_path / "calibration_mended.yaml")
     same(mended, read_calibration(tmp_path).calibration)
+
+
+def test_opencv_in_millimetres(tmp_path: Path) -> None:
+    """The unit of OpenCV's T is that of the board's squares; where both are possible, the source may say."""
+    pair = lenses()
+    for length, name in ((537.0, "clear"), (120.0, "open")):
+        folder = tmp_path / name
+        folder.mkdir()
+        store = cv2.FileStorage(str(folder / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
+        values = {"M1": K_LEFT, "D1": pair.left.D, "M2": K_RIGHT, "D2": pair.right.D, "R": R}
+        for key, value in {**values, "T": np.array([[-length], [1.0], [2.0]])}.items():
+            store.write(key, value)
+        store.release()
+    found = read_calibration(tmp_path / "clear").calibration
+    assert found.pictured().baseline_m == pytest.approx(0.537, abs=1e-3)
+    assert any("taken as mm" in note for note in found.notes)
+    with pytest.raises(SourceError, match="in cm or mm"):
+        read_calibration(tmp_path / "open")
+    assert read_calibration(tmp_path / "open", "mm").calibration.pictured().baseline_m == pytest.approx(
+        0.12, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("form", ["folder", "kitti", "video"])
+def test_a_calibration_that_is_named_takes_the_place_of_the_sources_own(tmp_path: Path, form: str) -> None:
+    from drive_writer import CAMERA_YAML, odometry_drive, picture, plain_drive
+
+    from stereocalib_core.sources import open_source, with_calibration
+
+    other = tmp_path / "better.yaml"
+    other.write_text(CAMERA_YAML.replace("focal_px: 80.0", "focal_px: 81.5"))
+    if form == "folder":
+        spec = str(plain_drive(tmp_path / "d"))
+    elif form == "kitti":
+        spec = str(odometry_drive(tmp_path / "d"))
+    else:
+        writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (192, 64))
+        for i in range(3):
+            both = np.hstack([picture(i, "left"), picture(i, "right")])
+            writer.write(cv2.cvtColor(both, cv2.COLOR_GRAY2BGR))
+        writer.release()
+        (tmp_path / "camera.yaml").write_text(CAMERA_YAML)
+        spec = f"video:{tmp_path / 'v.avi'}?camera=camera.yaml"
+    own, named = open_source(spec), open_source(with_calibration(spec, other))
+    assert own.camera.focal_px == 80.0
+    assert named.camera.focal_px == 81.5
+    assert named.content_key != own.content_key
+    with pytest.raises(SourceError, match="knows its own"):
+        with_calibration("synthetic", other)

@@ -128,3 +128,29 @@ def test_what_lies_beside_a_link_comes_before_what_lies_beside_its_target(tmp_pa
     T = open_source(str(here / drive.name)).T_camera_lidar
     np.testing.assert_allclose(T[:3, 3], [1, 2, 3], atol=1e-9)
     assert np.array_equal(open_source(f"{here}/{drive.name}/../{drive.name}").T_camera_lidar, plain)
+
+
+def test_an_unrectified_drive_is_rectified_with_its_own_lenses(tmp_path: Path) -> None:
+    """`_extract`: the size of the pictures tells that they are the lenses' own."""
+    drive = raw_drive(tmp_path, frames=3, oxts=3, scans=3)
+    path = drive.parent / "calib_cam_to_cam.txt"
+    unit = " ".join(map(str, np.eye(3).ravel()))
+    lines = []
+    for i, t in ((0, "0 0 0"), (1, "-0.5 0.001 0")):
+        lines.append(f"S_0{i}: 96 64\nK_0{i}: 82 0 47 0 81 31 0 0 1\nD_0{i}: -0.2 0.05 0.001 -0.001 0.01\n")
+        lines.append(f"R_0{i}: {unit}\nT_0{i}: {t}\nS_rect_0{i}: 90 60\nR_rect_0{i}: {unit}\n")
+        lines.append(f"P_rect_0{i}: 80 0 47.5 {-40.0 * i} 0 80 31.5 0 0 0 1 0\n")
+    path.write_text("".join(lines))
+    source = open_source(str(drive))
+    assert any("rectified while reading" in note for note in source.notices)
+    assert (source.camera.width, source.camera.height) == (96, 64)
+    assert source.camera.baseline_m == pytest.approx(0.500001, abs=1e-6)
+    assert source.T_camera_lidar is not None
+    path.write_text(
+        path.read_text()
+        .replace("S_rect_00: 90 60", "S_rect_00: 96 64")
+        .replace("S_rect_01: 90 60", "S_rect_01: 96 64")
+    )
+    synced = open_source(str(drive))
+    assert not any("rectified while reading" in note for note in synced.notices)
+    assert synced.camera.focal_px == 80

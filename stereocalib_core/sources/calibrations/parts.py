@@ -125,6 +125,8 @@ def metres(value: float, where: object, unit: str | None = None) -> tuple[float,
             name
         ], f"baseline of {abs(value):.6g} taken as {name}: {abs(value) * factors[name]:.6g} m"
     if possible:
-        remedy = f"write it in metres, {abs(value) / 100:.6g} or {abs(value) / 1000:.6g}"
+        remedy = (
+            f"write it in metres, {abs(value) / 100:.6g} or {abs(value) / 1000:.6g}, or say SOURCE?unit=cm"
+        )
         raise SourceError(f"baseline of {abs(value):.6g} m, in cm or mm?", where, remedy)
     raise SourceError(f"baseline of {abs(value):.6g} m", where, "write baseline_m in metres")

@@ -16,7 +16,7 @@ from stereocalib_core.calibration import StereoCalibration
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import Array, invert_transform, transform
-from stereocalib_core.sources.assembly import Load, rectifying, truth_of_rectified, turned
+from stereocalib_core.sources.assembly import Load, rectifying, truth_of_rectified, turned, unit_of
 from stereocalib_core.sources.bags import messages
 from stereocalib_core.sources.bags.reader import Bag
 from stereocalib_core.sources.bags.storages import Entry
@@ -29,7 +29,7 @@ from stereocalib_core.sources.pairing import content_key
 from stereocalib_core.sources.pictures import UnreadablePicture, to_8_bit
 from stereocalib_core.sources.truth import forward_axes, interpolated
 
-KEYS = ("left", "right", "lidar", "truth", "left_info", "right_info", "calibration", "camera")
+KEYS = ("left", "right", "lidar", "truth", "left_info", "right_info", "calibration", "camera", "unit")
 SUFFIXES = (".bag", ".mcap", ".db3")
 LOOKED_AT = 5
 """Pictures that tell size and depth."""
@@ -162,7 +162,7 @@ def _survey(
 def _calibration(bag: Bag, topics: Topics, spec: Spec) -> Found:
     named = spec.options.get("calibration") or spec.options.get("camera")
     if named:
-        return read_calibration(named)
+        return read_calibration(named, unit_of(spec.options))
     if topics.left_info is None or topics.right_info is None:
         side = "left" if topics.left_info is None else "right"
         remedy = f"no camera_info of the {side} camera; name a calibration by --calibration"

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stereocalib_core.frames import Recording
-from stereocalib_core.sources.assembly import Parts, recording
+from stereocalib_core.sources.assembly import Parts, recording, unit_of
 from stereocalib_core.sources.calibrations import Found, kitti, read_calibration
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number
@@ -57,7 +57,7 @@ def _open(spec: Spec) -> Recording:
     known = {path.stem for path in (folder / "disparity_gt").glob("*.png")}
     named = spec.options.get("calibration")
     own = None if named else kitti.read(tree, calib_file, cameras)
-    found = read_calibration(named) if named else Found(own, (calib_file,))  # type: ignore[arg-type]
+    found = read_calibration(named, unit_of(spec.options)) if named else Found(own, (calib_file,))  # type: ignore[arg-type]
     pairs = match_pairs(left, right, True, known)
     poses_file, truth_file = _poses_file(folder), folder / "extrinsics_gt.csv"
     scans = scans_by_number(folder / "velodyne")

@@ -13,7 +13,7 @@ from stereocalib_core.calibration import Size, StereoCalibration
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.sources.assembly import Load
+from stereocalib_core.sources.assembly import Load, unit_of
 from stereocalib_core.sources.calibrations import kitti, read_calibration
 from stereocalib_core.sources.calibrations.rectify import opened
 from stereocalib_core.sources.format import Format, SourceKind, Spec
@@ -59,7 +59,11 @@ def _open(spec: Spec) -> Recording:
     picture = survey(pairs.present(), folder)
     cameras: list[StereoCamera | Failure] = []
     T_lidar: list[np.ndarray | None] = []
-    named = read_calibration(spec.options["calibration"]) if spec.options.get("calibration") else None
+    named = (
+        read_calibration(spec.options["calibration"], unit_of(spec.options))
+        if spec.options.get("calibration")
+        else None
+    )
     for i, stem in enumerate(pairs.stems):
         path = calibrations.get(stem) or calibrations.get(stem.partition("_")[0])
         try:

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth, Recording
 from stereocalib_core.geometry import Array, invert_transform, transform
-from stereocalib_core.sources.assembly import Parts, recording
+from stereocalib_core.sources.assembly import Parts, recording, unit_of
 from stereocalib_core.sources.calibrations import Found, kitti, read_calibration
 from stereocalib_core.sources.calibrations.trees import Tree
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number
 from stereocalib_core.sources.lists import from_first, times_or_note
 from stereocalib_core.sources.pairing import Pairs, match_pairs, pictures_in
+from stereocalib_core.sources.picture_size import Size, size_of_file
 from stereocalib_core.system.text_file import read_text, to_numbers
 
 CALIB_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
@@ -54,8 +55,6 @@ def _open(spec: Spec) -> Recording:
     folder = spec.folder
     named = spec.options.get("calibration")
     home, file = _calibration_home(folder)
-    if folder.name.endswith("_extract") and not named:
-        raise SourceError("unrectified raw drive", folder, "use the `_sync` download of the same drive")
     if file is None and not named:
         where = home / CALIB_FILES[0]
         raise SourceError(
@@ -64,14 +63,16 @@ def _open(spec: Spec) -> Recording:
     tree = {} if file is None else kitti.read_lines(file)
     cameras = _cameras(folder, kitti.camera_numbers(tree))
     if named:
-        found = read_calibration(named)
+        found = read_calibration(named, unit_of(spec.options))
     else:
         assert file is not None
-        found = Found(kitti.read(tree, file, cameras), (file,))
+        found = Found(kitti.read(tree, file, cameras, _size(folder, cameras[0])), (file,))
     pairs = match_pairs(_data(folder, cameras[0]), _data(folder, cameras[1]), numbered=True)
     times_file = _data(folder, cameras[0]).parent / "timestamps.txt"
     notices: list[str] = []
-    T_cam0_velo, T_cam0_imu = _sensors(home, tree, notices)
+    # pictures that are not rectified yet (`_extract`) are turned together with what is seen from them
+    turns = {} if found.calibration.raw_pictures else tree
+    T_cam0_velo, T_cam0_imu = _sensors(home, turns, notices)
     scans = scans_by_number(folder / "velodyne_points" / "data")
     T_camera_lidar = None
     if scans and T_cam0_velo is not None:
@@ -100,6 +101,12 @@ def _open(spec: Spec) -> Recording:
             key=[cameras],
         )
     )
+
+
+def _size(folder: Path, camera: int) -> Size | None:
+    """(width, height) of the first picture, which tells rectified pictures from raw ones."""
+    first = next(iter(pictures_in(_data(folder, camera)).values()), None)
+    return None if first is None else size_of_file(first)
 
 
 def _calibration_home(folder: Path) -> tuple[Path, Path | None]:

@@ -17,7 +17,7 @@ from stereocalib_core.calibration import Size, StereoCalibration
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
-from stereocalib_core.sources.assembly import rectifying
+from stereocalib_core.sources.assembly import rectifying, unit_of
 from stereocalib_core.sources.calibrations import Found, read_calibration
 from stereocalib_core.sources.calibrations.rectify import opened
 from stereocalib_core.sources.format import Format, SourceKind, Spec
@@ -29,7 +29,7 @@ LIVE_HOURS = 24
 GRAB_AHEAD = 200
 """Frames skipped by decoding them; farther ones are sought."""
 LAYOUTS = ("side-by-side", "top-bottom", "half-width")
-KEYS = ("camera", "calibration", "layout", "fps")
+KEYS = ("camera", "calibration", "layout", "fps", "unit")
 NO_TRUTH = "no ground-truth poses: errors are not computed"
 
 
@@ -49,7 +49,7 @@ class Described:
 def _open(spec: Spec) -> Recording:
     """A video file or live device as a recording; raises SourceError."""
     options = spec.options
-    wanted = options.get("camera") or options.get("calibration")
+    wanted = options.get("calibration") or options.get("camera")
     unknown = [key for key in options if key not in KEYS]
     if not spec.name or not wanted or unknown:
         raise SourceError("bad video source", spec.text, "write video:FILE?camera=camera.yaml")
@@ -60,7 +60,7 @@ def _open(spec: Spec) -> Recording:
     names = [spec.name] if Path(spec.name).expanduser().is_file() else spec.name.split(",")
     beside = Path(names[0]).expanduser().parent / wanted
     here = Path(wanted).expanduser()
-    found = read_calibration(beside if not here.exists() and beside.exists() else wanted)
+    found = read_calibration(beside if not here.exists() and beside.exists() else wanted, unit_of(options))
     described = Described(found, fps or found.calibration.fps, layout)
     if len(names) == 1 and names[0].isdecimal():
         return _open_device(int(names[0]), described)
