@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import zipfile
 from pathlib import Path
 
@@ -116,3 +117,21 @@ def test_a_list_of_millions_of_rows_is_cut_short(tmp_path: Path) -> None:
     grown_kb, *notes = done.stdout.split("|")
     assert int(grown_kb) < 300_000
     assert any("times.txt is not used" in note for note in notes)
+
+
+def test_a_run_that_is_ended_leaves_nothing_unpacked(tmp_path: Path) -> None:
+    names = [f"{i:04d}" for i in range(250)]
+    path = pack(plain_drive(tmp_path / "mine", names), tmp_path / "a.zip")
+    place = tmp_path / "unpacked"
+    place.mkdir()
+    environment = {**os.environ, "TMPDIR": str(place)}
+    command = [sys.executable, "-m", "stereocalib_app.cli.main", "run", path, "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, env=environment, cwd=REPO, stdout=subprocess.DEVNULL) as process:
+        until = time.monotonic() + 60
+        while not (tmp_path / "out" / "checkpoint.bin").is_file() and time.monotonic() < until:
+            assert process.poll() is None
+            time.sleep(0.05)
+        assert list(place.glob("stereocalib-zip-*"))
+        process.terminate()
+        assert process.wait(30) == 143
+    assert list(place.glob("stereocalib-zip-*")) == []
