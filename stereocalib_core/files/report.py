@@ -27,9 +27,11 @@ from stereocalib_core.results import (
     LidarPose,
     LidarShift,
     Measured,
+    Mending,
     OdometryErrors,
     Pair,
     PairChange,
+    PairCorrection,
     Residual,
     Rig,
     Shift,
@@ -63,6 +65,7 @@ def report_of(drive: Drive) -> Block:
         **{key: dataclasses.asdict(statistics[axis]) for key, axis in STATISTICS.items()},
         "rectification": _rectification(drive.pair),
         "pair": pair_block(drive.pair),
+        "self_calibration": None if drive.mended is None else _mending(drive.mended),
         "odometry": {name: dataclasses.asdict(path.errors) for name, path in drive.paths.items()},
         "gaps": [list(gap) for gap in drive.gaps],
         "failures": dict(frames.failures),
@@ -154,6 +157,22 @@ def pair_block(pair: Pair) -> Block:
     }
 
 
+def _mending(mended: Mending) -> Block:
+    """What was applied, and the pair before it; all other numbers of the report are for the mended pair."""
+    c = mended.correction
+    return {
+        "applied": {
+            "relative_pitch_deg": float(np.rad2deg(c.pitch_rad)),
+            "relative_roll_deg": float(np.rad2deg(c.roll_rad)),
+            "relative_yaw_deg": float(np.rad2deg(c.yaw_rad)),
+            "depth_scale": c.depth_scale,
+            "from_frame": mended.from_frame,
+        },
+        "numbers_are_for": "the mended pair, calibration_mended.yaml; `before` is the pair as it was calibrated",
+        "before": pair_block(mended.before),
+    }
+
+
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
@@ -234,6 +253,7 @@ def drive_of(
             if (block := limits.block(key)).values
         },
         pair=_read_pair(root.block("rectification"), root.block("pair")),
+        mended=_read_mending(root.block("self_calibration")),
         paths=_read_paths(root.block("odometry"), len(frames), poses),
         gaps=root.pairs("gaps"),
         shifts=tuple(_read_shift(block) for block in root.blocks("shifts")),
@@ -280,6 +300,16 @@ def _read_pair(rows: Fields, block: Fields) -> Pair:
         effects=_read_effects(effects) if effects.values else None,
         yaw_reason=block.text("yaw_reason"),
     )
+
+
+def _read_mending(block: Fields) -> Mending | None:
+    if not block.values:
+        return None
+    applied = block.block("applied")
+    pitch, roll, yaw = (applied.need(f"relative_{axis}_deg") * DEGREE for axis in ("pitch", "roll", "yaw"))
+    correction = PairCorrection(pitch, roll, yaw, applied.need("depth_scale"))
+    before = block.block("before")
+    return Mending(correction, int(applied.need("from_frame")), _read_pair(before, before))
 
 
 def _read_effects(block: Fields) -> BendEffects:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results.frame import FrameResult, Measured
-from stereocalib_core.results.pair import Pair
+from stereocalib_core.results.pair import Mending, Pair
 from stereocalib_core.results.table import FrameTable
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ ANGLES = ("pitch", "roll", "yaw")
 """Axes of which a shift is in radians; of the others, in metres."""
 MIN_OK_FRACTION = 0.5
 """With fewer frames ok than this share, what a drive says must not be trusted."""
+MOST_GAP_FRACTION = 0.5
+"""A path that was not measured for more of the drive than this is none."""
 BEST = "autocalibrated"
 """The path that speaks for the drive: every correction, default model."""
 
@@ -249,7 +251,8 @@ class Drive:
 
     source: the SOURCE that it came from. mount: the rig as this drive leaves it. yaw_reason: why there is no yaw, or
     what was used instead. limits: what the mount is judged by, by the names of its fields. gaps: first and last
-    frame of every stretch without a measurement. paths: by variant. lidar: None without scans. notices: what the
+    frame of every stretch without a measurement. paths: by variant. lidar: None without scans. mended: what was applied
+    to the pair before anything else, by `--self-calibrate`. notices: what the
     recording lacks. config: the settings, where they are known.
     """
 
@@ -260,6 +263,7 @@ class Drive:
     yaw_reason: str | None = None
     limits: Mapping[str, Tolerance] = field(default_factory=lambda: MappingProxyType({}))
     pair: Pair = Pair()
+    mended: Mending | None = None
     paths: Mapping[str, DrivePath] = field(default_factory=lambda: MappingProxyType({}))
     gaps: tuple[tuple[int, int], ...] = ()
     shifts: tuple[Shift, ...] = ()
@@ -289,10 +293,19 @@ class Drive:
     @property
     def why_not(self) -> str | None:
         """Why the result must not be trusted, None when it may be."""
-        if self.frames_ok >= MIN_OK_FRACTION * len(self.frames):
-            return None
-        reasons = ", ".join(f"{count} {reason}" for reason, count in self.frames.failures.items())
-        return f"only {self.frames_ok} of {len(self.frames)} frames are ok ({reasons})"
+        found = []
+        if self.frames_ok < MIN_OK_FRACTION * len(self.frames):
+            reasons = ", ".join(f"{count} {reason}" for reason, count in self.frames.failures.items())
+            found.append(f"only {self.frames_ok} of {len(self.frames)} frames are ok ({reasons})")
+        if self.pair.verdict == "bad":
+            found.append(f"the stereo pair is bad ({self.pair.why.partition(';')[0]})")
+        if self.within_tolerance is False:
+            outside = ", ".join(axis.rpartition("_")[0] for axis in self.limits if self.within(axis) is False)
+            found.append(f"the mount is outside its tolerance ({outside})")
+        missing = sum(last - first + 1 for first, last in self.gaps)
+        if self.paths and missing > MOST_GAP_FRACTION * len(self.frames):
+            found.append(f"the path is a gap in {missing} of {len(self.frames)} frames")
+        return "; ".join(found) or None
 
     def within(self, axis: str) -> bool | None:
         """Whether a field of `mount` holds its limit; None where it was not measured or has none."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from stereocalib_core.geometry import Array, road_rotation, rotation_y
 from stereocalib_core.results.frame import Measured
 
@@ -37,6 +39,22 @@ class PairCorrection:
     def nothing(self) -> bool:
         """Whether it changes nothing."""
         return self == PairCorrection()
+
+    @classmethod
+    def of(cls, R_turned_assumed: Array, depth_scale: float) -> PairCorrection:
+        """From a (3, 3) rotation, the inverse of `R_turned_assumed`."""
+        R = R_turned_assumed
+        return cls(
+            float(np.arctan2(R[2, 1], R[1, 1])),
+            float(-np.arcsin(R[0, 1])),
+            float(np.arctan2(R[0, 2], R[0, 0])),
+            depth_scale,
+        )
+
+    def then(self, found: PairCorrection) -> PairCorrection:
+        """This correction and what was `found` in a drive that it was applied to, as one."""
+        R = self.R_turned_assumed @ found.R_turned_assumed
+        return PairCorrection.of(R, self.depth_scale * found.depth_scale)
 
 
 @dataclass(frozen=True)
@@ -132,6 +150,19 @@ class Pair:
             yaw_rad=_value(self.relative_yaw_rad),
             depth_scale=scale.value if scale is not None and scale.source == "lidar" else 1.0,
         )
+
+
+@dataclass(frozen=True)
+class Mending:
+    """A drive that was run again with its pair mended; all its numbers are for the pair as `correction` has it.
+
+    from_frame: the first frame that was mended; those before a knock were left as they are. before: the pair as it
+    was calibrated.
+    """
+
+    correction: PairCorrection
+    from_frame: int
+    before: Pair
 
 
 def _value(measured: Measured | None) -> float:

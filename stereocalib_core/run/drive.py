@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,16 +19,20 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
 from stereocalib_core.files.output_folder import OutputFolder
-from stereocalib_core.files.run_folder import RESULT_FILES, load_run, write_run
+from stereocalib_core.files.run_folder import REPORT, RESULT_FILES, load_run, write_run
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
-from stereocalib_core.results import DisparityMap, Drive, FrameResult, Rig, Tolerance
+from stereocalib_core.results import DisparityMap, Drive, FrameResult, Mending, Rig, Tolerance
 from stereocalib_core.run.calibrate import Progress, cut_truth, follow, frame_range, told
+from stereocalib_core.run.self_calibrate import MOST_MENDINGS, mended_by, next_mending, write_mended
 from stereocalib_core.sources import open_source
+from stereocalib_core.sources.calibrations import MENDED
 
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
 """What a finished run keeps of every frame, tracks included, so that a page can go on from there."""
-FILES = (*RESULT_FILES, "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
+UNMENDED = "before_mending_{}.bin"
+"""The same of the runs before the pair was mended, by their number."""
+FILES = (*RESULT_FILES, MENDED, UNMENDED.format("*"), "recording.rrd", CHECKPOINT, FRAMES, ".*.tmp")
 
 
 class Interrupted(KeyboardInterrupt):
@@ -52,7 +57,10 @@ class Observer(Protocol):
 
 @dataclass(frozen=True)
 class Job:
-    """One drive to be run, checked and ready."""
+    """One drive to be run, checked and ready.
+
+    source: as it is recorded; `seen` is what is run, mended where `mending` says so.
+    """
 
     spec: str
     out: Path
@@ -64,17 +72,29 @@ class Job:
     tolerances: dict[str, Tolerance]
     record: bool = False
     show: bool = False
+    mending: Mending | None = None
+
+    @cached_property
+    def seen(self) -> FrameSource:
+        """The source with its pair mended."""
+        return self.source if self.mending is None else mended_by(self.source, self.mending)
+
+    @property
+    def doing(self) -> str:
+        """What its progress is called."""
+        return "frames" if self.mending is None else "frames, the pair mended"
 
     def header(self) -> dict[str, Any]:
         """What must be equal for a stopped run to go on."""
         return {
             "version": __version__,
             "source": self.source.content_key,
-            "camera": dataclasses.asdict(self.source.camera),
+            "camera": dataclasses.asdict(self.seen.camera),
             "settings": settings.to_dict(self.config),
             "rig": None if self.rig is None else dataclasses.asdict(self.rig),
             "tolerances": {axis: dataclasses.asdict(limit) for axis, limit in self.tolerances.items()},
             "first frame": self.start,
+            "mended": None if self.mending is None else self.seen.content_key,
         }
 
 
@@ -90,6 +110,7 @@ def run_drive(
     rerun: bool = False,
     overwrite: bool = False,
     resume: bool = False,
+    self_calibrate: bool = False,
     progress: Progress | None = None,
 ) -> Drive:
     """Process SOURCE `spec` into `out` and return what it says.
@@ -97,6 +118,7 @@ def run_drive(
     frames: zero-based, half open; None = from the first, to the last.
     rrd: write recording.rrd too; rerun: show the run in the Rerun viewer.
     resume: go on after the last frame that a stopped or killed run finished in `out`.
+    self_calibrate: run it again with what it measured of its own pair; the results are those of that run.
     Raises StereoCalibError with nothing left in `out`, Interrupted with valid files there.
     """
     folder = OutputFolder(out, FILES, overwrite, resume)
@@ -104,25 +126,42 @@ def run_drive(
     start, stop = frame_range(frames, len(source))
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
     done: list[Done] = []
+    begun = False
     try:
         with folder.alone():
-            return _run_alone(job, folder, resume and not overwrite, done, progress)
+            for run in range(1 + MOST_MENDINGS):
+                done.clear()
+                drive = _run_alone(job, folder, resume and not overwrite, run, done, progress)
+                begun = True
+                mending = next_mending(drive, job.mending) if self_calibrate and run < MOST_MENDINGS else None
+                if mending is None:
+                    break
+                _set_aside(job, run)
+                job = dataclasses.replace(job, mending=mending)
+            return drive
     except StereoCalibError:
         folder.undo()
         raise
     except KeyboardInterrupt:
-        if done:
+        if done or begun:
             raise Interrupted(len(done), stop - start) from None
         folder.undo()
         raise
 
 
 def _run_alone(
-    job: Job, folder: OutputFolder, resume: bool, done: list[Done], progress: Progress | None
+    job: Job, folder: OutputFolder, resume: bool, run: int, done: list[Done], progress: Progress | None
 ) -> Drive:
-    """All of it, while nobody else works in the folder. `done` is filled with the frames as they are finished."""
+    """The drive once, while nobody else works in the folder. `done` is filled with the frames as they are finished.
+
+    run: how often the pair was mended before; what such a run left is taken from its file.
+    """
     out, count = job.out, job.stop - job.start
-    if resume and (out / "report.json").is_file() and not (out / CHECKPOINT).is_file():
+    before = out / UNMENDED.format(run)
+    if resume and before.is_file():
+        done[:], _ = read_checkpoint(before, job.header())
+        return _drive(job, done, 1e-3 * sum(d.total_ms for d in done))[0]
+    if resume and (out / REPORT).is_file() and not (out / CHECKPOINT).is_file():
         finished = _finished(job)
         if finished is not None:
             return finished
@@ -132,8 +171,16 @@ def _run_alone(
     if len(done) > count:
         remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
         raise OutputError("stopped run of more frames", out, remedy)
-    folder.clear()
+    if run == 0:
+        folder.clear()
     return _run(job, done, keep, progress)
+
+
+def _set_aside(job: Job, run: int) -> None:
+    """Keep the frames of a run that is to be run again mended, so that a stopped one goes on from there."""
+    (job.out / REPORT).unlink(missing_ok=True)
+    if (job.out / FRAMES).is_file() and not (job.out / UNMENDED.format(run)).is_file():
+        (job.out / FRAMES).replace(job.out / UNMENDED.format(run))
 
 
 def _resumable(out: Path, resume: bool) -> bool:
@@ -169,20 +216,18 @@ def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None
         for observer in _observers(job):
             observers.append(observer)
         for finished in earlier if observers else ():
-            frame = job.source[finished.result.frame]
+            frame = job.seen[finished.result.frame]
             _show(observers, frame, finished.result, _matched(job, frame))
-        for step in follow(job.source, job.config, job.start, job.stop, earlier):
+        for step in follow(job.seen, job.config, job.start, job.stop, earlier):
             done.append(checkpoint.append(step.done))
             road = step.look.road
             _show(observers, step.frame, done[-1].result, None if road is None else road.disparity)
             if progress:
-                progress(len(done), job.stop - job.start, "frames")
+                progress(len(done), job.stop - job.start, job.doing)
         elapsed_s = time.perf_counter() - began + 1e-3 * sum(d.total_ms for d in earlier)
         if progress:
             progress(len(done), job.stop - job.start, "analysing the drive")
-        results = [d.result for d in done]
-        truth = cut_truth(job.source.ground_truth, job.start, job.start + len(done))
-        drive = _told(_analyse(results, job, truth), job, done, elapsed_s)
+        drive, truth = _drive(job, done, elapsed_s)
         for observer in observers:
             observer.drive(drive, None if truth is None else truth.poses)
         whole = True
@@ -196,9 +241,17 @@ def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None
         checkpoint.close()
         for observer in observers:
             observer.close(whole)
+    write_mended(job.source, drive, job.out)
     write_run(drive, job.out)
     (job.out / CHECKPOINT).replace(job.out / FRAMES)
     return drive
+
+
+def _drive(job: Job, done: list[Done], elapsed_s: float) -> tuple[Drive, GroundTruth | None]:
+    """What the frames of a whole drive say, and the truth that they are held against."""
+    truth = cut_truth(job.source.ground_truth, job.start, job.start + len(done))
+    drive = _told(_analyse([d.result for d in done], job, truth), job, done, elapsed_s)
+    return dataclasses.replace(drive, mended=job.mending), truth
 
 
 def _observers(job: Job) -> Iterator[Observer]:
@@ -207,7 +260,7 @@ def _observers(job: Job) -> Iterator[Observer]:
     from stereocalib_core.files.rrd import Recorder
 
     for path in [job.out / "recording.rrd"] * job.record + [None] * job.show:
-        yield Recorder(job.source.camera, job.source.name, path)
+        yield Recorder(job.seen.camera, job.source.name, path)
 
 
 def _show(
@@ -224,15 +277,15 @@ def _matched(job: Job, frame: StereoFrame) -> DisparityMap | None:
     if frame.left is None or frame.right is None:
         return None
     config = job.config.disparity
-    return find_matcher(config.matcher)(frame.left, frame.right, job.source.camera, config)
+    return find_matcher(config.matcher)(frame.left, frame.right, job.seen.camera, config)
 
 
 def _told(drive: Drive, job: Job, done: list[Done], elapsed_s: float) -> Drive:
     """The drive with what only its run knows."""
-    return dataclasses.replace(told(drive, job.spec, job.source, done, elapsed_s), limits=job.tolerances)
+    return dataclasses.replace(told(drive, job.spec, job.seen, done, elapsed_s), limits=job.tolerances)
 
 
 def _analyse(results: list[FrameResult], job: Job, truth: GroundTruth | None) -> Drive:
     from stereocalib_core.back.analyse import analyse
 
-    return analyse(results, job.source.camera, job.config, truth, job.rig)
+    return analyse(results, job.seen.camera, job.config, truth, job.rig)

@@ -37,10 +37,11 @@ def maps_of(
 
 @dataclass(frozen=True)
 class MendedSource:
-    """`source` with its pair mended; everything else is the source's own."""
+    """`source` with its pair mended from frame `first` on; everything else is the source's own."""
 
     source: FrameSource
     correction: PairCorrection
+    first: int = 0
 
     @property
     def name(self) -> str:
@@ -65,8 +66,16 @@ class MendedSource:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """The source's."""
-        return self.source.notices
+        """The source's, and that its pair is mended."""
+        c = self.correction
+        yaw, roll, pitch = np.rad2deg([c.yaw_rad, c.roll_rad, c.pitch_rad])
+        turned = f"yaw {yaw:+.4f}, roll {roll:+.4f}, pitch {pitch:+.4f} deg"
+        line = f"the pair is mended: the right camera turned back by {turned}"
+        if c.depth_scale != 1.0:
+            line += f", depths scaled by {100.0 * (c.depth_scale - 1.0):+.2f} %"
+        if self.first:
+            line += f", from frame {self.first} on; frames before it are as they were calibrated"
+        return (*self.source.notices, line)
 
     @property
     def T_camera_lidar(self) -> NDArray[np.float64] | None:
@@ -76,7 +85,7 @@ class MendedSource:
     @property
     def content_key(self) -> str:
         """Of the source and the correction."""
-        return f"{self.source.content_key} mended by {self.correction!r}"
+        return f"{self.source.content_key} mended from frame {self.first} by {self.correction!r}"
 
     @property
     def live(self) -> bool:
@@ -97,7 +106,7 @@ class MendedSource:
 
     def __getitem__(self, index: int) -> StereoFrame:
         frame = self.source[index]
-        if frame.right is None:
+        if frame.right is None or index < self.first:
             return frame
         # cubic: a blurred picture beside a sharp one would match worse
         right = cv2.remap(frame.right, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -112,6 +121,6 @@ def mended_calibration(source: FrameSource, correction: PairCorrection) -> Stere
     return own.mended(correction.R_turned_assumed, correction.depth_scale)
 
 
-def mended(source: FrameSource, correction: PairCorrection) -> FrameSource:
-    """The source with its pair mended, or itself where there is nothing to mend."""
-    return source if correction.nothing else MendedSource(source, correction)
+def mended(source: FrameSource, correction: PairCorrection, first: int = 0) -> FrameSource:
+    """The source with its pair mended from frame `first` on, or itself where there is nothing to mend."""
+    return source if correction.nothing else MendedSource(source, correction, first)

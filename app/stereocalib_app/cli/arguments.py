@@ -331,6 +331,12 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     method.add_argument(
         "--rig", type=Path, metavar="RIG.yaml", help="yaw, lever arm and mount from an earlier drive"
     )
+    method.add_argument(
+        "--self-calibrate",
+        action="store_true",
+        help="run again with what the drive showed of its own stereo pair (relative yaw, pitch, roll; depth scale by "
+        "LiDAR): all numbers are then for the mended pair",
+    )
     _add_tolerance(method)
     _add_own_calibration(method)
     output = run.add_argument_group("recording")

@@ -95,6 +95,7 @@ def run(arguments: argparse.Namespace) -> str | None:
             rerun=arguments.rerun,
             overwrite=arguments.overwrite,
             resume=arguments.resume,
+            self_calibrate=arguments.self_calibrate,
             progress=progress,
         )
     _print_run(drive, arguments.out)
@@ -102,6 +103,7 @@ def run(arguments: argparse.Namespace) -> str | None:
 
 
 def _print_run(drive: Drive, out: Path) -> None:
+    from stereocalib_app.words.answer import answer
     from stereocalib_core.results import BEST, TO_DEGREES
 
     speed = drive.timing.frames_per_second or float("nan")
@@ -125,6 +127,8 @@ def _print_run(drive: Drive, out: Path) -> None:
         print(line)
     for text in drive.notices:
         print(f"  note: {text}")
+    for line in answer(drive, out):
+        print(line)
 
 
 def compare(arguments: argparse.Namespace) -> str | None:

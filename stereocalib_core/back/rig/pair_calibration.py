@@ -244,9 +244,12 @@ def _why_yaw(pair: Pair, config: PipelineConfig) -> str:
         f"{pair.disparity_offset_px.value:+.2f} +- {pair.disparity_offset_px.sigma:.2f} px of disparity, by "
         f"{pair.pairs} pairs of frames"
     )
-    if _yaw_verdict(yaw, config) == "not measured":
+    verdict = _yaw_verdict(yaw, config)
+    if verdict == "not measured":
         return f"{text}: too unsure to call it good"
-    return text + (f": {effects_in_words(pair.effects)}" if pair.effects is not None else "")
+    if verdict == "good" or pair.effects is None:
+        return text
+    return f"{text}: {effects_in_words(pair.effects)}"
 
 
 def effects_in_words(effects: BendEffects) -> str:
