@@ -118,6 +118,11 @@ def mended_calibration(source: FrameSource, correction: PairCorrection) -> Stere
     own: StereoCalibration | None = getattr(source, "calibration", None)
     if own is None:
         own = StereoCalibration.of_camera(source.camera)
+    size = source.camera.width, source.camera.height
+    if own.rectified is not None and own.rectified.size is None:
+        own = dataclasses.replace(own, rectified=dataclasses.replace(own.rectified, size=size))
+    if own.lenses is not None and own.lenses.size is None:
+        own = dataclasses.replace(own, lenses=dataclasses.replace(own.lenses, size=size))
     return own.mended(correction.R_turned_assumed, correction.depth_scale)
 
 
