@@ -6,7 +6,7 @@ READY  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check docs bench bench-batch bench-app format clean
+.PHONY: demo test campaign check docs bench bench-batch bench-app format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
@@ -24,6 +24,9 @@ demo: $(READY)  ## the app on the embedded synthetic drive
 
 test: $(DEV)  ## every test; browser tests need a Chromium or Chrome on the machine
 	$(BIN)/python -m pytest $(ARGS)
+
+campaign: $(DEV)  ## damaged files, hostile messages, kills and floods by the thousand: a quarter of an hour
+	$(BIN)/python tests/campaign
 
 check: $(DEV)  ## format, lint, types, arrows between the rooms
 	$(BIN)/ruff format --check .

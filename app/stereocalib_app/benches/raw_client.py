@@ -60,6 +60,10 @@ class RawClient:
             msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
         )
 
+    def send_bytes(self, data: bytes) -> None:
+        """Anything at all, as a broken or hostile client might."""
+        self._socket.send(data)
+
     def receive(self, timeout_s: float) -> list[Received]:
         """The messages of one window; empty after the timeout."""
         try:
