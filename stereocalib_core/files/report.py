@@ -48,10 +48,10 @@ UNIT = {"height": "m", "pitch": "deg", "roll": "deg", "yaw": "deg", "x": "m", "z
 
 
 def report_of(drive: Drive) -> Block:
-    """report.json as a dictionary, in metres and degrees."""
+    """report.json as a dictionary, in metres and degrees, each number to what it means."""
     frames, yaw = drive.frames, drive.mount.yaw_rad
     statistics = frames.statistics(TO_DEGREES)
-    return {
+    report = {
         "source": drive.source,
         "frames": len(frames),
         "frames_ok": drive.frames_ok,
@@ -76,6 +76,25 @@ def report_of(drive: Drive) -> Block:
         "frames_per_second": drive.timing.frames_per_second,
         "notices": list(drive.notices),
     }
+    return {key: _rounded(value, key) for key, value in report.items()}
+
+
+DIGITS, OF_WAYS, OF_POSES = 6, 4, 9
+"""Decimals: a micrometre and a millionth of a degree, as extrinsics.csv has them; of what grows with the way; and of
+matrices that others compute with. What is beyond them is of the processor and its libraries, not of the drive."""
+
+
+def _rounded(value: Any, key: str, digits: int = DIGITS) -> Any:
+    """The same with every number to the decimals of its key."""
+    if key.startswith("T_"):
+        digits = OF_POSES
+    elif key.endswith("_percent") or key in ("path_m", "path_gt_m", "final_translation_m"):
+        digits = OF_WAYS
+    if isinstance(value, dict):
+        return {name: _rounded(entry, name, digits) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_rounded(entry, "", digits) for entry in value]
+    return round(value, digits) + 0.0 if isinstance(value, float) else value
 
 
 def _measured(value: Measured | None, degrees: bool = False) -> Block | None:
@@ -98,8 +117,8 @@ def _mount(drive: Drive) -> Block:
         "within_tolerance": drive.within_tolerance,
         "tolerance": {
             key: {
-                "nominal": round(limit.nominal / unit, 9),
-                "tolerance": round(limit.tolerance / unit, 9),
+                "nominal": limit.nominal / unit,
+                "tolerance": limit.tolerance / unit,
                 "within": drive.within(field),
             }
             for key, (field, unit) in MOUNT_KEYS.items()
