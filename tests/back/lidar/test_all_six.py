@@ -11,6 +11,7 @@ from simulated_edges import CALIBRATED, CAMERA, drive
 
 from stereocalib_core.back.lidar.alignment import Belief, align, scans_of, sweep_belief
 from stereocalib_core.back.lidar.all_six import who_jumped, with_all_six
+from stereocalib_core.back.lidar.overlay import before_and_after
 from stereocalib_core.back.lidar.residual_transform import YAW, X, Z, moved, shown_by_road
 from stereocalib_core.back.lidar.road_check import check
 from stereocalib_core.config import LidarAlignmentConfig, RoadCheckConfig
@@ -170,6 +171,22 @@ def test_who_has_moved_is_told_by_the_cameras_path() -> None:
     rough[:, :3, 3] += 0.03 * rng.standard_normal((60, 3))
     assert who_jumped(rough, 30, X, 0.05, CONFIG) is None
     assert who_jumped(poses, 2, X, 0.05, CONFIG) is None
+
+
+def test_the_overlay_of_what_was_found_lies_on_the_pictures_edges() -> None:
+    results, poses = drive(30, {0: SIX})
+    after = found(results, poses)
+    misses = []
+    for edges in before_and_after(results[5].scan, after.pose, CAMERA):
+        beside = [
+            np.abs(results[5].scan.picture_edges[:, 0] - u)[
+                (np.abs(results[5].scan.picture_edges[:, 1] - v) < 3)
+                & (results[5].scan.picture_edges[:, 3] == side)
+            ].min(initial=99.0)
+            for u, v, side in edges
+        ]
+        misses.append(float(np.median(beside)))
+    assert misses[1] < 1.5 and misses[0] > 3.0
 
 
 # ---- real drives -----------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from stereocalib_app.drive.panels.debug import DebugPanel
 from stereocalib_app.drive.panels.errors import ErrorsPanel
 from stereocalib_app.drive.panels.exports import ExportPanel
 from stereocalib_app.drive.panels.inspect import InspectPanel
+from stereocalib_app.drive.panels.lidar import LidarPanel
 from stereocalib_app.drive.panels.opener import OpenPanel
 from stereocalib_app.drive.panels.path import PathPanel
 from stereocalib_app.drive.panels.playback import PlaybackPanel
@@ -36,6 +37,7 @@ TABS: Final[Table] = (
 PLOTS: Final[Table] = (
     ("Time line", TimelinePanel),
     ("Path errors", ErrorsPanel),
+    ("LiDAR", LidarPanel),
     ("Playback", PlaybackPanel),
 )
 """Tabs of the panel below the 3-D view."""
