@@ -104,7 +104,6 @@ def run(arguments: argparse.Namespace) -> str | None:
 
 def _print_run(drive: Drive, out: Path) -> None:
     from stereocalib_app.words.answer import answer
-    from stereocalib_app.words.lidar import lidar_lines
     from stereocalib_core.results import BEST, TO_DEGREES
 
     speed = drive.timing.frames_per_second or float("nan")
@@ -126,10 +125,6 @@ def _print_run(drive: Drive, out: Path) -> None:
             line += f"    final error {errors.final_translation_m:.2f} m"
             line += f", {errors.final_translation_percent:.2f} %"
         print(line)
-    if drive.lidar is not None:
-        print("  LiDAR against its calibration")
-        for line in lidar_lines(drive.lidar):
-            print(f"    {line}")
     for text in drive.notices:
         print(f"  note: {text}")
     for line in answer(drive, out):

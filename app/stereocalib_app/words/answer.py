@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from stereocalib_app.words.lidar import lidar_lines
 from stereocalib_core.results import Drive, Measured, Pair
 
 MENDED = "calibration_mended.yaml"
-FILES = ("extrinsics.csv", "trajectory.txt", "rig.yaml", MENDED, "report.json")
+FILES = ("extrinsics.csv", "trajectory.txt", "rig.yaml", MENDED, "lidar_mended.yaml", "report.json")
 AXES = (
     ("height_m", "height", "m", 1.0, 4),
     ("pitch_rad", "pitch", "deg", float(np.rad2deg(1.0)), 3),
@@ -21,7 +22,7 @@ AXES = (
 
 def answer(drive: Drive, out: Path) -> list[str]:
     """The last lines of `stereocalib run`."""
-    lines = [_mount(drive), *_pair(drive)]
+    lines = [_mount(drive), *_pair(drive), *_lidar(drive)]
     for cause in drive.causes:
         where = f"frames {cause.first} to {cause.last}"
         lines.append(f"{where}: {cause.reason}, probably {cause.cause}; remedy: {cause.remedy}")
@@ -49,6 +50,13 @@ def _pair(drive: Drive) -> list[str]:
         return _spread("stereo pair", drive.pair)
     before = _spread("stereo pair as it was calibrated", drive.mended.before)
     return [*_spread("stereo pair, mended", drive.pair), *before]
+
+
+def _lidar(drive: Drive) -> list[str]:
+    """How the LiDAR stands against its calibration, where there is one."""
+    if drive.lidar is None:
+        return []
+    return ["LiDAR against its calibration:", *(f"  {line}" for line in lidar_lines(drive.lidar))]
 
 
 def _spread(name: str, pair: Pair) -> list[str]:
