@@ -459,3 +459,34 @@ def test_a_calibration_that_is_named_takes_the_place_of_the_sources_own(tmp_path
     assert named.content_key != own.content_key
     with pytest.raises(SourceError, match="knows its own"):
         with_calibration("synthetic", other)
+
+
+def test_orb_slams_settings_of_an_unrectified_pair(tmp_path: Path) -> None:
+    """As they are passed around: no blank before a matrix's data, the rectified camera beside the lenses."""
+    pair = lenses()
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        K_LEFT, pair.left.D, K_RIGHT, pair.right.D, SIZE, R, T.reshape(3, 1), alpha=0
+    )
+    text = f"%YAML:1.0\n#-----\nCamera.fx: {P1[0, 0]}\nCamera.bf: 47.9\nLEFT.width: {SIZE[0]}\nLEFT.height: {SIZE[1]}\n"
+    sides = (("LEFT", K_LEFT, pair.left.D, R1, P1), ("RIGHT", K_RIGHT, pair.right.D, R2, P2))
+    for side, *matrices in sides:
+        for name, matrix in zip(("K", "D", "R", "P"), matrices, strict=True):
+            rows, cols = np.atleast_2d(matrix).shape
+            text += f"{side}.{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n"
+            text += f"   data:{np.ravel(matrix).tolist()}\n"
+    (tmp_path / "EuRoC.yaml").write_text(text)
+    found = read_calibration(tmp_path).calibration
+    assert found.size == SIZE
+    np.testing.assert_allclose(found.pictured().R, R, atol=1e-9)
+    np.testing.assert_allclose(found.pictured().t, T, atol=1e-9)
+    np.testing.assert_allclose(found.pictured().right.D, pair.right.D)
+
+
+def test_kittis_baseline_in_millimetres(tmp_path: Path) -> None:
+    (path,) = write_calibration(CASES["rectified"], "kitti", tmp_path / "calib.txt")
+    P_right = RECTIFIED.projections()[1]
+    path.write_text(path.read_text().replace(repr(float(P_right[0, 3])), repr(float(1000 * P_right[0, 3]))))
+    found = read_calibration(path).calibration
+    assert found.rectified is not None
+    assert found.rectified.baseline_m == pytest.approx(RECTIFIED.baseline_m)
+    assert any("taken as mm" in note for note in found.notes)

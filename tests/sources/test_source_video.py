@@ -204,3 +204,35 @@ def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest
     assert np.all(np.diff(times) > 0)
     assert np.median(np.diff(times)) > 0.08
     assert times[-1] > 0.8
+
+
+@pytest.mark.parametrize("layout", ["top-bottom", "half-width"])
+def test_other_layouts_of_both_pictures(tmp_path: Path, layout: str) -> None:
+    rng = np.random.default_rng(3)
+    sides = [
+        cv2.GaussianBlur(rng.integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8), (0, 0), 5) for _ in "lr"
+    ]
+    if layout == "half-width":
+        both = np.hstack(
+            [cv2.resize(side, (WIDTH // 2, HEIGHT), interpolation=cv2.INTER_AREA) for side in sides]
+        )
+    else:
+        both = np.vstack(sides)
+    size = (both.shape[1], both.shape[0])
+    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 20, size)
+    for _ in range(3):
+        writer.write(cv2.cvtColor(both, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    (tmp_path / "camera.yaml").write_text(CAMERA_YAML)
+    spec = f"video:{tmp_path / 'v.avi'}?camera=camera.yaml"
+    frame = open_source(f"{spec}&layout={layout}")[1]
+    for found, wanted in zip((frame.left, frame.right), sides, strict=True):
+        assert found is not None and found.shape == (HEIGHT, WIDTH)
+        assert np.abs(found[:, 4:-4].astype(float) - wanted[:, 4:-4]).mean() < 3.0
+    if layout == "half-width":
+        with pytest.raises(SourceError, match="layout=half-width"):
+            open_source(spec)
+    else:
+        assert any("top-bottom" in note for note in open_source(spec).notices)
+    with pytest.raises(SourceError, match="unknown layout"):
+        open_source(f"{spec}&layout=diagonal")

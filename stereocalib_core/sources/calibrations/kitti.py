@@ -12,7 +12,13 @@ import numpy as np
 from stereocalib_core.calibration import LensPair, RectifiedPair, Size, StereoCalibration
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, transform
-from stereocalib_core.sources.calibrations.parts import MAX_SIDE_PX, lens, lens_pair, rectified_or_lenses
+from stereocalib_core.sources.calibrations.parts import (
+    MAX_SIDE_PX,
+    lens,
+    lens_pair,
+    metres,
+    rectified_or_lenses,
+)
 from stereocalib_core.sources.calibrations.trees import MAX_BYTES, Tree
 from stereocalib_core.system.text_file import read_text, to_numbers
 
@@ -91,10 +97,16 @@ def read(
     rect_size, raw_size = (_size(tree, f"{name}_{left:02d}", where) for name in ("S_rect", "S"))
     if f"K_{left:02d}" not in tree and rect_size is None:
         rect_size, raw_size = raw_size, None
-    target = rectified_or_lenses(P[0], P[1], rect_size, where)
     T = _lidar(tree, P[0], where)
+    stated = float(P[0][0, 3] - P[1][0, 3]) / float(P[1][0, 0]) if P[1][0, 0] > 0 else 0.0
+    factor, changed = metres(stated, where)
+    notes = () if changed is None else (changed,)
+    if changed is not None:
+        for one in P:
+            one[:, 3] *= factor
+    target = rectified_or_lenses(P[0], P[1], rect_size, where)
     if isinstance(target, LensPair):
-        return StereoCalibration(target, None, True, None, T, (), "KITTI")
+        return StereoCalibration(target, None, True, None, T, notes, "KITTI")
     lenses = None
     names = [f"{name}_{number:02d}" for name in ("K", "D", "R", "T", "R_rect") for number in (left, right)]
     if all(name in tree for name in names):
@@ -102,7 +114,7 @@ def read(
         with contextlib.suppress(SourceError):
             lenses, target = _lenses(tree, (left, right), target, raw_size, where)
     raw = lenses is not None and size is not None and size == raw_size and size != rect_size
-    return StereoCalibration(lenses, target, raw, None, T, (), "KITTI")
+    return StereoCalibration(lenses, target, raw, None, T, notes, "KITTI")
 
 
 def _size(tree: Tree, key: str, where: object) -> Size | None:

@@ -20,6 +20,8 @@ MAX_BYTES = 256 * 1024
 Tree = dict[str, Any]
 _LINE = re.compile(r"^\s*([A-Za-z][\w .\-]*?)\s*[:=]\s*(.*?)\s*$")
 _MATRIX = re.compile(r"!!?opencv-(?:nd-)?matrix|!<tag:yaml.org,2002:opencv-(?:nd-)?matrix>")
+_TIGHT = re.compile(r"^(\s*[\w.]+:)(?=\[)", re.MULTILINE)
+"""`data:[1, 2]`, which OpenCV reads and YAML does not."""
 _MANY_NUMBERS = 9
 
 
@@ -39,7 +41,7 @@ def parse_tree(text: str, path: Path) -> Tree:
     if start.startswith("%YAML"):
         text = start.partition("\n")[2]
     try:
-        values = parse_plain(_MATRIX.sub("", text))
+        values = parse_plain(_TIGHT.sub(r"\1 ", _MATRIX.sub("", text)))
     except (yaml.YAMLError, ValueError, RecursionError) as reason:
         line = " ".join(str(reason).split())[:200] or "check its syntax"
         raise SourceError("calibration neither YAML nor JSON", path, line) from reason
