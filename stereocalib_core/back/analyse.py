@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -17,7 +18,13 @@ from stereocalib_core.back.lidar.all_six import with_all_six
 from stereocalib_core.back.lidar.road_check import check, who_moved
 from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
-from stereocalib_core.back.odometry.trajectory import VARIANTS, Trajectory, TrajectorySettings, trajectory
+from stereocalib_core.back.odometry.trajectory import (
+    VARIANTS,
+    Model,
+    Trajectory,
+    TrajectorySettings,
+    trajectory,
+)
 from stereocalib_core.back.rig.body_motion import MotionSeries
 from stereocalib_core.back.rig.mount import estimate_mount
 from stereocalib_core.back.rig.pair import summarise
@@ -40,7 +47,11 @@ from stereocalib_core.results import (
     Rig,
 )
 
-NONHOLONOMIC = "_nonholonomic"
+SUFFIXES: Mapping[str, Model] = MappingProxyType(
+    {"": "full", "_planar": "planar", "_nonholonomic": "nonholonomic"}
+)
+"""Of the variants' names in report.json, and the motion model that each stands for."""
+STEREO_ONLY = "stereo_only"
 
 
 @dataclass(frozen=True)
@@ -58,18 +69,18 @@ class Workings:
 
 
 def all_variants(lever_arm_m: float) -> dict[str, TrajectorySettings]:
-    """Settings of every variant of report.json: the default model, then each again without side slip."""
-    free = {name: dataclasses.replace(s, lever_arm_m=lever_arm_m) for name, s in VARIANTS.items()}
-    bound = {
-        name + NONHOLONOMIC: dataclasses.replace(s, model="nonholonomic", lever_arm_m=lever_arm_m)
+    """Settings of every variant of report.json: each in every motion model, and the path without a road."""
+    variants = {
+        name + suffix: dataclasses.replace(s, model=model, lever_arm_m=lever_arm_m)
+        for suffix, model in SUFFIXES.items()
         for name, s in VARIANTS.items()
     }
-    return free | bound
+    return variants | {STEREO_ONLY: TrajectorySettings("stereo_only")}
 
 
-def odometry_extrinsics(filtered: FilteredExtrinsics, yaw_rad: float) -> Array:
+def odometry_extrinsics(smoothed: FilteredExtrinsics, yaw_rad: float) -> Array:
     """(N, 4) height, pitch, roll, yaw per frame, NaN where the filter has nothing."""
-    return np.column_stack([filtered.values, np.full(len(filtered.values), yaw_rad)])
+    return np.column_stack([smoothed.values, np.full(len(smoothed.values), yaw_rad)])
 
 
 def analyse(
@@ -92,17 +103,20 @@ def analyse_openly(
 ) -> tuple[Drive, Workings]:
     """`analyse` with what it was made from."""
     known = rig or Rig()
-    filtered = filter_drive(results, camera, config)
-    frames = FrameTable.of(results, filtered)
+    filtered, smoothed = filter_drive(results, camera, config)
+    frames = FrameTable.of(results, filtered, smoothed)
     tracks = pack(camera, results, config.odometry)
-    yaw = estimate_yaw(tracks, filtered.values, config.yaw, known.lever_arm_m, config.vehicle)
+    yaw = estimate_yaw(tracks, smoothed.values, config.yaw, known.lever_arm_m, config.vehicle, smoothed.sigma)
     yaw_measured = _yaw(yaw, known)
     lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
     odometry_yaw, yaw_reason = yaw_measured, yaw.reason
     if odometry_yaw is None:
-        odometry_yaw, yaw_reason = _yaw_of_path(tracks, filtered, yaw.reason, config.vehicle)
-    extrinsics = odometry_extrinsics(filtered, 0.0 if odometry_yaw is None else odometry_yaw.value)
-    paths = {name: trajectory(tracks, extrinsics, s) for name, s in all_variants(lever.value).items()}
+        odometry_yaw, yaw_reason = _yaw_of_path(tracks, smoothed, yaw.reason, config.vehicle)
+    extrinsics = odometry_extrinsics(smoothed, 0.0 if odometry_yaw is None else odometry_yaw.value)
+    paths = {
+        name: trajectory(tracks, extrinsics, settings, smoothed.sigma)
+        for name, settings in all_variants(lever.value).items()
+    }
     best = paths[BEST]
     motion = MotionSeries.from_path(frames.timestamp_s, best, tracks, config.vehicle)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
@@ -110,9 +124,7 @@ def analyse_openly(
     if lidar is not None:
         lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
         lidar = with_all_six(lidar, results, camera, best.poses, config.lidar_alignment)
-    mount = estimate_mount(
-        results, motion, yaw_measured, lever, shifts, config.mount, config.shift_alarm.wheels
-    )
+    mount = estimate_mount(results, motion, yaw_measured, lever, shifts, config)
     height_m = None if mount.height_m is None else mount.height_m.value
     truth = None if ground_truth is None else ground_truth.poses
     rows = summarise(camera, results, config.rectification)
@@ -122,7 +134,7 @@ def analyse_openly(
         mount=mount,
         yaw_reason=yaw_reason,
         pair=calibrate_pair(camera, results, tracks, rows, truth, height_m, config),
-        paths=_judged(paths, ground_truth),
+        paths=_judged(paths, ground_truth, config.odometry.min_measured),
         gaps=frames.gaps(best.measured),
         shifts=shifts,
         lidar=lidar,
@@ -131,12 +143,18 @@ def analyse_openly(
     return drive, Workings(tracks, extrinsics, yaw, paths)
 
 
-def _judged(paths: Mapping[str, Trajectory], ground_truth: GroundTruth | None) -> dict[str, DrivePath]:
+def _judged(
+    paths: Mapping[str, Trajectory], ground_truth: GroundTruth | None, min_measured: float
+) -> dict[str, DrivePath]:
     """Every path with its errors against the truth."""
     truth = None if ground_truth is None else ground_truth.poses
     reliable = ground_truth is None or ground_truth.heading_reliable
     return {
-        name: DrivePath(path.poses, path.covariance, evaluate(path.poses, truth, reliable))
+        name: DrivePath(
+            path.poses,
+            path.covariance,
+            evaluate(path.poses, truth, reliable, path.measured_share, min_measured),
+        )
         for name, path in paths.items()
     }
 
@@ -151,13 +169,13 @@ def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:
 
 
 def _yaw_of_path(
-    tracks: PackedTracks, filtered: FilteredExtrinsics, reason: str | None, vehicle: VehicleConfig
+    tracks: PackedTracks, smoothed: FilteredExtrinsics, reason: str | None, vehicle: VehicleConfig
 ) -> tuple[Measured | None, str | None]:
     """A yaw for the variants that need one where no straight shows it: that of an axle without side slip.
 
     It makes the path agree with the model, so it is no measurement of the mount; the reason says what was used.
     """
-    free = trajectory(tracks, odometry_extrinsics(filtered, 0.0), TrajectorySettings())
+    free = trajectory(tracks, odometry_extrinsics(smoothed, 0.0), TrajectorySettings(), smoothed.sigma)
     found = estimate_lever_and_yaw(free, vehicle, tracks.config)
     if found is None:
         return None, reason

@@ -93,18 +93,29 @@ def kitti_relative_errors(poses_est: Array, poses_gt: Array) -> tuple[float, flo
     return 100.0 * t_rel, float(np.mean(rotation_angle(error[:, :3, :3]) / size))
 
 
-def evaluate(poses_est: Array, poses_gt: Array | None, heading_reliable: bool = True) -> OdometryErrors:
+def evaluate(
+    poses_est: Array,
+    poses_gt: Array | None,
+    heading_reliable: bool = True,
+    measured_share: float = 1.0,
+    least_share: float = 0.0,
+) -> OdometryErrors:
     """Every figure of one variant.
 
-    poses_est, poses_gt: (N, 4, 4); a longer truth is cut, unknown poses are NaN. With `heading_reliable`
-    False only path lengths are compared.
+    poses_est, poses_gt: (N, 4, 4); a longer truth is cut, unknown poses are NaN. With `heading_reliable` False only
+    path lengths are compared. measured_share: part of the way that was measured on the road; below `least_share`
+    the path is a gap, and there are no figures.
     """
+    percent = 100.0 * measured_share
+    if measured_share < least_share:
+        return OdometryErrors(None, measured_percent=percent)
     if poses_gt is None or len(poses_est) < 2:
-        return OdometryErrors(float(path_lengths(poses_est)[-1]) if len(poses_est) else 0.0)
+        length = float(path_lengths(poses_est)[-1]) if len(poses_est) else 0.0
+        return OdometryErrors(length, measured_percent=percent)
     est, gt, _ = common_frames(poses_est, poses_gt)
     path, path_gt = float(path_lengths(est)[-1]), float(path_lengths(gt)[-1])
     if not heading_reliable:
-        return OdometryErrors(path, path_gt)
+        return OdometryErrors(path, path_gt, measured_percent=percent)
     miss = float(np.hypot(*(est[-1, [0, 2], 3] - gt[-1, [0, 2], 3])))
     turn = float(np.rad2deg(abs(heading_between(gt[-1, :3, :3], est[-1, :3, :3]))))
     relative = kitti_relative_errors(est, gt)
@@ -117,6 +128,7 @@ def evaluate(poses_est: Array, poses_gt: Array | None, heading_reliable: bool = 
         final_rotation_deg_per_m=turn / path_gt if path_gt > 0 else None,
         t_rel_percent=None if relative is None else relative[0],
         r_rel_deg_per_m=None if relative is None else float(np.rad2deg(relative[1])),
+        measured_percent=percent,
     )
 
 

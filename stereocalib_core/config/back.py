@@ -34,6 +34,9 @@ class RectificationConfig:
 class RoadPointsConfig:
     """The road by the tracked points on it in the own lane, and when the filter leans on that."""
 
+    half_width_m: float = 2.4
+    """Points so far to the side are used [m]: the road beside the lane helps to tell roll, as for the direct fit;
+    farther out the crown of the road bends away. Tuned on the synthetic town, seed 5."""
     min_points: int = 20
     """Fewer points in the lane make no plane: three unknowns and an outlier in five. Numerical."""
     noise_px: float = 0.15
@@ -51,7 +54,7 @@ class RoadPointsConfig:
     """Residuals smaller than their noise make no fit surer than this share of it."""
     correlation: float = 0.3
     """Of the errors of the points and of the pair's own estimate. Tuned on the synthetic town."""
-    min_share: float = 0.7
+    min_share: float = 0.5
     """The points are used where they are so much surer that they would count for this share."""
     gate: float = 3.0
     """Contradiction, in sigmas of both, by which neither is believed."""
@@ -89,11 +92,9 @@ class FilterConfig:
     rest_angle_deg: float = 0.15
     memory_s: float = 2.0
     """Over which the sizes of body motion and measurement noise are learnt [s]: some three swings of the body."""
-    persistent_share: Share = 0.6
-    """Of a frame's variance, what it shares with its neighbours: it does not average out. Tuned on the synthetic
-    town with `direct`."""
-    look_ahead: bool = True
-    """Use later frames as well, within each unbroken stretch; off = causal."""
+    persistent_share: Share = 0.7
+    """Of a frame's variance, what it shares with its neighbours: it does not average out. Tuned on the
+    synthetic town of seed 5 for how often sigma covers the error, judged on other drives."""
     gate: float = 21.0
     """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom): one in ten thousand."""
     gate_height_m: float = 0.04
@@ -154,8 +155,13 @@ class WheelsConfig:
 class MountConfig:
     """The camera's nominal mount over a drive."""
 
-    alike_frames: int = 30
-    """Frames whose body motion may be alike: sigma comes from means over so many. Physics: two swings at 10 Hz."""
+    alike_s: float = 3.0
+    """Within so long the body's pose and the road's shape are one look [s]. Physics: four swings, a bend, a braking."""
+    prior_blocks: float = 2.0
+    """Looks that the body's usual swing counts for against the scatter of those of the drive. Numerical: with one
+    look it is all there is, with twenty it hardly matters."""
+    min_frames: int = 3
+    """Fewer planes seen again under the wheels are left alone, and the road ahead is taken. Numerical."""
     floor_height_m: Floor = 0.001
     """1 sigma that no length of one drive removes (load, tyres, the road's own shape) [m], [deg]."""
     floor_angle_deg: Floor = 0.005

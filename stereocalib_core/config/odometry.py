@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic.dataclasses import dataclass
 
-from stereocalib_core.config.strict import STRICT, Floor
+from stereocalib_core.config.strict import STRICT, Floor, Share
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -41,9 +41,17 @@ class OdometryConfig:
     scale_sigma: float = 0.003
     """How far the depths of points off the road may differ from those of the road, as a factor, 1 sigma. Tuned on
     KITTI 03 and 06: the depth scale of a calibrated pair differs by some 0.3 % between near and far."""
-    road_share: float = 3.0
-    """Weight of a road point against one above it where the road's extrinsics are put to the test. Tuned on the
-    synthetic town."""
+    disparity_noise_px: float = 0.25
+    """1 sigma of the disparity of a tracked point [px], against which eq. 16 is weighed. Source: matches of textured
+    patches on KITTI against its LiDAR; calibration errors of a quarter pixel are common."""
+    road_height_floor_m: Floor = 0.006
+    """How far the road under one point differs from the plane of the extrinsics, 1 sigma, as the height [m], pitch and
+    roll [deg] that it would be. Physics: roads of ISO 8608 class A to B are off a plane by 4 to 8 mm over some tens
+    of metres, and a bend of 1 in 1500 lifts or sinks the road 10 m beyond the lane by as much as 0.06 deg of pitch."""
+    road_pitch_floor_deg: Floor = 0.06
+    road_roll_floor_deg: Floor = 0.1
+    min_measured: Share = 0.5
+    """A path of which a smaller share was measured on the road has no errors: it is a gap."""
     lever_min_travel_m: float = 0.1
     """Pairs that move less say nothing of the direction of travel [m]. Physics: sigma of a motion is some 3 mm."""
     lever_min_pairs: int = 10

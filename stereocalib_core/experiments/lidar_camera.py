@@ -40,6 +40,9 @@ BLOCK = 25
 KAPPA = 10.0
 """The paper's weight in e = kappa e_L + e_C, used for its Fig. 5 only [px/m]."""
 
+TAKES_DRIVE = False
+"""Whether `--source` is a drive for it; it makes its own data, whose truth is known."""
+
 
 def run(
     out: Path,

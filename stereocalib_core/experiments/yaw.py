@@ -20,6 +20,8 @@ from stereocalib_core.system.whole_file import write_atomic, write_json
 
 Picture = NDArray[np.uint8]
 
+TAKES_DRIVE = True
+"""Whether `--source` is a drive for it."""
 TRUE_DEG = (-1.0, -0.3, 0.0, 0.5)
 FRAMES = 160
 """Of the default drive: a straight, a bend and a straight."""

@@ -13,7 +13,7 @@ from stereocalib_core.errors import SourceError
 from stereocalib_core.results import AXES, TO_DEGREES, FrameTable, column_name
 from stereocalib_core.system.whole_file import write_atomic
 
-SERIES = ("values", "sigma", "filtered", "filtered_sigma")
+SERIES = ("values", "sigma", "filtered", "filtered_sigma", "smoothed", "smoothed_sigma")
 """What is written of each axis, in this order."""
 NUMBERS = tuple(
     column_name(axis, series).replace("_rad", "_deg") for series in SERIES for axis in AXES
@@ -64,7 +64,8 @@ def read_extrinsics_csv(path: Path) -> FrameTable:
             header, *rows = list(csv.reader(file)) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise SourceError("extrinsics cannot be read", path, "run the drive again") from error
-    if any(name not in header for name in COLUMNS):
+    # runs of before there was a look back lack its columns
+    if any(name not in header for name in COLUMNS if "_smoothed_" not in name):
         raise SourceError("no extrinsics table", path, "its first line must name the columns")
 
     def texts(name: str) -> tuple[str, ...]:

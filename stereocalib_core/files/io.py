@@ -89,7 +89,7 @@ def read_rig(path: Path) -> Rig:
     unknown = sorted(str(key) for key in values.keys() - _RIG_KEYS.keys())
     if unknown:
         raise SourceError(f"unknown key {unknown[0]}", path, f"known are {' '.join(_RIG_KEYS)}")
-    fields = {}
+    fields: dict[str, Any] = {}
     for key, (field, unit) in _RIG_KEYS.items():
         given = values.get(key)
         pair = (given.get("value"), given.get("sigma") or 0.0) if isinstance(given, dict) else (given, 0.0)

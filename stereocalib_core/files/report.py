@@ -114,6 +114,7 @@ def _mount(drive: Drive) -> Block:
         },
         "lever_arm_m": None if rig.lever_arm_m is None else rig.lever_arm_m.value,
         "T_vehicle_camera": None if pose is None else pose.tolist(),
+        "note": rig.note,
         "within_tolerance": drive.within_tolerance,
         "tolerance": {
             key: {
@@ -258,13 +259,17 @@ def drive_of(
     root = Fields(report, path)
     mount = root.block("mount")
     limits = mount.block("tolerance")
-    rig = {field: mount.measured(key, unit) for key, (field, unit) in MOUNT_KEYS.items()}
+    rig: dict[str, Any] = {field: mount.measured(key, unit) for key, (field, unit) in MOUNT_KEYS.items()}
     lever_arm_m = mount.number("lever_arm_m")
     return Drive(
         frames=frames,
         source=root.text("source") or "",
         method=root.text("method") or "",
-        mount=Rig(**rig, lever_arm_m=None if lever_arm_m is None else Measured(lever_arm_m, np.nan)),
+        mount=Rig(
+            **rig,
+            lever_arm_m=None if lever_arm_m is None else Measured(lever_arm_m, np.nan),
+            note=mount.text("note"),
+        ),
         yaw_reason=root.text("yaw_reason"),
         limits={
             field: Tolerance(block.need("nominal") * unit, block.need("tolerance") * unit)
@@ -345,7 +350,7 @@ def _read_paths(block: Fields, count: int, poses: NDArray[np.float64] | None) ->
     paths = {}
     for name in block.values:
         entry = block.block(name)
-        errors = OdometryErrors(entry.need("path_m"), *(entry.number(key) for key in names))
+        errors = OdometryErrors(entry.number("path_m"), *(entry.number(key) for key in names))
         paths[name] = DrivePath(unknown[0], unknown[1], errors)
     if poses is not None:
         errors = paths[BEST].errors if BEST in paths else OdometryErrors(np.nan)

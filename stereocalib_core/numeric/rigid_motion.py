@@ -23,34 +23,30 @@ def _accumulate(
     rays: Array,
     first: int,
     last: int,
-    plane: Array,
     R: Array,
     t: Array,
     depth: float,
     scaled: bool,
-    weights: Array,
+    weight: float,
     H: Array,
     g: Array,
 ) -> tuple[float, float]:
     """Add the normal equations of points first ... last to H (7, 7, lower) and g (7,).
 
-    plane: (3,) added to their inverse depths by (x, y, 1). depth: factor of their inverse depths, whose
-    logarithm is the seventh unknown if `scaled`. weights: 1 / Cauchy scale^2 (normalised units), weight of the set.
-    Returns the weighted squared error and the sum of weights.
+    depth: factor of their inverse depths, whose logarithm is the seventh unknown if `scaled`. weight: 1 / Cauchy
+    scale^2 (normalised units). Returns the weighted squared error and the sum of weights.
     """
     r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
     r10, r11, r12 = R[1, 0], R[1, 1], R[1, 2]
     r20, r21, r22 = R[2, 0], R[2, 1], R[2, 2]
     t0, t1, t2 = t[0], t[1], t[2]
-    p0, p1, p2 = plane[0], plane[1], plane[2]
-    scale, share = weights[0], weights[1]
     a = np.zeros(28)
     b = np.zeros(7)
     cost = 0.0
     total = 0.0
     for k in range(first, last):
         x, y = rays[0, k], rays[1, k]
-        inverse = depth * rays[2, k] + p0 * x + p1 * y + p2
+        inverse = depth * rays[2, k]
         if not inverse > 1e-4:
             continue
         qz = r20 * x + r21 * y + r22 + t2 * inverse
@@ -61,7 +57,7 @@ def _accumulate(
         Y = (r10 * x + r11 * y + r12 + t1 * inverse) * iz
         ru, rv = rays[3, k] - X, rays[4, k] - Y
         e2 = ru * ru + rv * rv
-        w = share / (1.0 + e2 * scale)
+        w = 1.0 / (1.0 + e2 * weight)
         cost += w * e2
         total += w
         s = inverse * iz
@@ -114,12 +110,12 @@ def _accumulate(
 
 
 @njit(cache=True, nogil=True)
-def _update(R: Array, t: Array, step: Array) -> Array:
+def moved(R: Array, t: Array, step: Array) -> Array:
     """Left update of (R, t); changes t in place and returns the new R."""
     E = rotation_from_vector(step[:3])
-    moved = E @ t
+    turned = E @ t
     for i in range(3):
-        t[i] = moved[i] + step[3 + i]
+        t[i] = turned[i] + step[3 + i]
     return E @ R
 
 
@@ -127,12 +123,10 @@ def _update(R: Array, t: Array, step: Array) -> Array:
 def full_pair(
     rays: Array,
     first: int,
-    road_end: int,
+    middle: int,
     last: int,
-    tilt: Array,
     motion: Array,
     focal_px: float,
-    road_share: float,
     scale_sigma: float,
     cauchy_px: float,
     solver: tuple[float, int, int],
@@ -140,30 +134,28 @@ def full_pair(
 ) -> float:
     """Six degrees of freedom of one pair; `motion` (6,) is start and result, `information` (6, 6) is filled.
 
-    tilt: (3,) what is added to the inverse depth [1/m] of a road point, by (x, y, 1). solver: typical residual
-    [px], iterations at most, and points of a kind from which the depth factor of those off the road is estimated.
-    Returns the variance of one image coordinate in normalised units, negative where there is no solution.
+    The depths of points `first` ... `middle` are taken as they are. Those of `middle` ... `last` have one common
+    factor, whose logarithm is held to zero by `scale_sigma`: they steady the rotation and leave the scale to the
+    others. solver: typical residual [px], iterations at most, and points of either kind without which there is no
+    factor. Returns the variance of one image coordinate in normalised units, negative where there is no solution.
     """
     noise_px, iterations, least = solver
     R = rotation_from_vector(motion[:3])
     t = motion[3:].copy()
     scale = (focal_px / cauchy_px) ** 2
-    size = 7 if road_end - first >= least and last - road_end >= least else 6
+    size = 7 if middle - first >= least and last - middle >= least else 6
     depth = 1.0
     # in the units of the residuals, which are taken as `noise_px`
     prior = (noise_px / focal_px / scale_sigma) ** 2
-    none = np.zeros(3)
     H = np.zeros((7, 7))
     g = np.zeros(7)
     step = np.zeros(7)
-    road = np.array([scale, road_share])
-    rest = np.array([scale, 1.0])
     variance = -1.0
     for _ in range(iterations):
         H[:] = 0.0
         g[:] = 0.0
-        cost, total = _accumulate(rays, first, road_end, tilt, R, t, 1.0, False, road, H, g)
-        more, weight = _accumulate(rays, road_end, last, none, R, t, depth, size == 7, rest, H, g)
+        cost, total = _accumulate(rays, first, middle, R, t, 1.0, False, scale, H, g)
+        more, weight = _accumulate(rays, middle, last, R, t, depth, size == 7, scale, H, g)
         cost, total = cost + more, total + weight
         H[6, 6] += prior
         g[6] -= prior * np.log(depth)
@@ -177,7 +169,7 @@ def full_pair(
                     information[i, j] -= H[6, i] * H[6, j] / H[6, 6]
         if total <= 0.0 or not solve_symmetric(H, g, size, step):
             return -1.0
-        R = _update(R, t, step)
+        R = moved(R, t, step)
         if size == 7:
             depth *= np.exp(min(max(step[6], -0.5), 0.5))
         variance = 0.5 * cost / total

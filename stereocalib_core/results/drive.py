@@ -26,8 +26,6 @@ ANGLES = ("pitch", "roll", "yaw")
 """Axes of which a shift is in radians; of the others, in metres."""
 MIN_OK_FRACTION = 0.5
 """With fewer frames ok than this share, what a drive says must not be trusted."""
-MOST_GAP_FRACTION = 0.5
-"""A path that was not measured for more of the drive than this is none."""
 BEST = "autocalibrated"
 """The path that speaks for the drive: every correction, default model."""
 
@@ -36,7 +34,7 @@ BEST = "autocalibrated"
 class Rig:
     """What one drive teaches of the rig and the next may start from; None = not known.
 
-    Nominal height and lever arm (rear axle to camera) [m], pitch, roll and yaw [rad].
+    Nominal height and lever arm (rear axle to camera) [m], pitch, roll and yaw [rad]. note: what to mind, if anything.
     """
 
     height_m: Measured | None = None
@@ -44,6 +42,7 @@ class Rig:
     roll_rad: Measured | None = None
     yaw_rad: Measured | None = None
     lever_arm_m: Measured | None = None
+    note: str | None = None
 
     @property
     def T_vehicle_camera(self) -> Array | None:
@@ -88,9 +87,11 @@ class OdometryErrors:
 
     path_m, path_gt_m: lengths of the two paths over the frames that both have. final_translation: in the x-z
     plane of the first camera frame, percent of path_gt_m. final_rotation: heading. t_rel, r_rel: KITTI's.
+    measured_percent: of the way, what was measured on the road; where that is less than half the path is a gap, and
+    neither its length nor its errors are given.
     """
 
-    path_m: float
+    path_m: float | None
     path_gt_m: float | None = None
     final_translation_m: float | None = None
     final_translation_percent: float | None = None
@@ -98,6 +99,7 @@ class OdometryErrors:
     final_rotation_deg_per_m: float | None = None
     t_rel_percent: float | None = None
     r_rel_deg_per_m: float | None = None
+    measured_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -302,9 +304,10 @@ class Drive:
         if self.within_tolerance is False:
             outside = ", ".join(axis.rpartition("_")[0] for axis in self.limits if self.within(axis) is False)
             found.append(f"the mount is outside its tolerance ({outside})")
-        missing = sum(last - first + 1 for first, last in self.gaps)
-        if self.paths and missing > MOST_GAP_FRACTION * len(self.frames):
-            found.append(f"the path is a gap in {missing} of {len(self.frames)} frames")
+        best = self.paths.get(BEST)
+        if best is not None and best.errors.path_m is None:
+            share = best.errors.measured_percent or 0.0
+            found.append(f"the odometry is a gap: only {share:.0f} % of the way was measured on the road")
         return "; ".join(found) or None
 
     def within(self, axis: str) -> bool | None:

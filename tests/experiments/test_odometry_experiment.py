@@ -13,10 +13,15 @@ def test_table_and_figures_of_a_real_drive(kitti_06: Path, tmp_path: Path) -> No
     result = odometry.run(tmp_path, str(kitti_06), lambda done, total, what: seen.append((done, total)))
     assert seen[-1] == (51, 51)
     assert json.loads((tmp_path / "odometry.json").read_text()) == result
-    assert set(result) == {name + suffix for name in odometry.LABELS for suffix in odometry.MODELS}
-    best, worst = result["autocalibrated"], result["no_pitch_no_roll"]
-    assert best["final_translation_percent"] < 1.06
-    assert worst["final_translation_percent"] > 4 * best["final_translation_percent"]
+    assert list(result) == ["planar", "default", "nonholonomic", "stereo_only"]
+    assert all(set(result[model]) == set(odometry.LABELS) for model in odometry.MODELS)
+    for model, limit_percent in (("planar", 1.2), ("default", 0.6)):
+        error = {name: block["final_translation_percent"] for name, block in result[model].items()}
+        assert error["autocalibrated"] < limit_percent
+        # 60 m of a straight road with little roll: it hardly matters where disparities have their say
+        assert model == "default" or error["autocalibrated"] < error["no_roll"] < error["no_pitch_no_roll"]
+        assert error["no_pitch_no_roll"] > 4 * error["autocalibrated"]
+    best = result["planar"]["autocalibrated"]
     text = (tmp_path / "odometry.md").read_text()
     assert "16.51" in text and f"{best['final_translation_m']:.2f}" in text
     assert (tmp_path / "odometry-figure-4.png").stat().st_size > 10_000

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stereocalib_core.experiments import extrinsics, height, roll
+from stereocalib_core.experiments import height, roll
 
 
 def test_roll(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extrinsics, "ROLL_FRAMES", 9)
+    monkeypatch.setattr(roll, "FRAMES", 9)
     report = roll.run(tmp_path)
     assert json.loads((tmp_path / "roll.json").read_text()) == report
-    for method in ("eq12", "labayrade", "direct"):
-        assert report[method]["n"] == 9
+    for method in ("eq12", "labayrade", "direct", "eq12_corridor", "labayrade_corridor"):
+        assert report[method]["n"] == report["pitch"][method]["n"] == report["height"][method]["n"] == 9
         assert report[method]["median_abs_deg"] < 0.03
         assert report[method]["std_deg"] < 0.1
     assert abs(report["pitch"]["direct"]["bias_deg"]) < 0.005

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from stereocalib_core.system import whole_file
 HEADER = (
     "frame,timestamp_s,status,reason,height_m,pitch_deg,roll_deg,height_sigma_m,pitch_sigma_deg,roll_sigma_deg,"
     "height_filtered_m,pitch_filtered_deg,roll_filtered_deg,height_filtered_sigma_m,pitch_filtered_sigma_deg,"
-    "roll_filtered_sigma_deg,filter_state,free_fraction,inliers"
+    "roll_filtered_sigma_deg,height_smoothed_m,pitch_smoothed_deg,roll_smoothed_deg,height_smoothed_sigma_m,"
+    "pitch_smoothed_sigma_deg,roll_smoothed_sigma_deg,filter_state,free_fraction,inliers"
 )
 
 
@@ -43,15 +45,28 @@ def smooth(states: list[str]) -> FilteredExtrinsics:
 
 def test_extrinsics_csv_to_the_letter(tmp_path: Path) -> None:
     path = tmp_path / "extrinsics.csv"
-    table = FrameTable.of([good(7), bad(8), bad(9)], smooth(["updated", "predicted", "none"]))
+    filtered = smooth(["updated", "predicted", "none"])
+    back = replace(filtered, values=filtered.values + [0.001, 0.0, 0.0])
+    table = FrameTable.of([good(7), bad(8), bad(9)], filtered, back)
     write_extrinsics_csv(path, table)
     assert path.read_text() == (
         f"{HEADER}\n"
         "7,0.700000,ok,,1.650000,0.800000,-0.400000,0.010000,0.020000,0.030000,"
-        "1.640000,0.700000,-0.300000,0.005000,0.010000,0.015000,updated,0.5124,1234\n"
-        "8,0.800000,failed,DARK,,,,,,,1.640000,0.700000,-0.300000,0.005000,0.010000,0.015000,predicted,,\n"
-        "9,0.900000,failed,DARK,,,,,,,,,,,,,none,,\n"
+        "1.640000,0.700000,-0.300000,0.005000,0.010000,0.015000,"
+        "1.641000,0.700000,-0.300000,0.005000,0.010000,0.015000,updated,0.5124,1234\n"
+        "8,0.800000,failed,DARK,,,,,,,1.640000,0.700000,-0.300000,0.005000,0.010000,0.015000,"
+        "1.641000,0.700000,-0.300000,0.005000,0.010000,0.015000,predicted,,\n"
+        "9,0.900000,failed,DARK,,,,,,,,,,,,,,,,,,,none,,\n"
     )
+
+
+def test_a_table_of_before_the_look_back_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "extrinsics.csv"
+    write_extrinsics_csv(path, FrameTable.of([good(0), bad(1)]))
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    path.write_text("\n".join(",".join(row[:16] + row[22:]) for row in rows) + "\n")
+    table = read_extrinsics_csv(path)
+    assert table.ok.tolist() == [True, False] and np.isnan(table.height_smoothed_m).all()
 
 
 def test_extrinsics_csv_without_a_filter_and_back(tmp_path: Path) -> None:

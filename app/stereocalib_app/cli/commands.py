@@ -19,7 +19,7 @@ from stereocalib_app.cli.progress import terminal_progress
 from stereocalib_core.errors import ConfigError, SourceError
 
 if TYPE_CHECKING:
-    from stereocalib_core.results import Drive
+    from stereocalib_core.results import Drive, OdometryErrors
 
 
 def demo(arguments: argparse.Namespace) -> str | None:
@@ -119,16 +119,27 @@ def _print_run(drive: Drive, out: Path) -> None:
         value, sigma = TO_DEGREES[1] * yaw.value, TO_DEGREES[1] * yaw.sigma
         print(f"  yaw     {value:8.4f} deg  sigma {sigma or float('nan'):.4f}")
     if BEST in drive.paths:
-        errors = drive.paths[BEST].errors
-        line = f"  path    {errors.path_m:8.2f} m"
-        if errors.final_translation_m is not None:
-            line += f"    final error {errors.final_translation_m:.2f} m"
-            line += f", {errors.final_translation_percent:.2f} %"
-        print(line)
+        print(f"  path    {_path_words(drive.paths[BEST].errors)}")
+    if drive.mount.note is not None:
+        print(f"  mount   {drive.mount.note}")
     for text in drive.notices:
         print(f"  note: {text}")
     for line in answer(drive, out):
         print(line)
+
+
+def _path_words(errors: OdometryErrors) -> str:
+    """Length and errors of the path; on a closed loop the final error hides a wrong scale, t_rel does not."""
+    if errors.path_m is None:
+        return f"      -   a gap: {errors.measured_percent or 0.0:.0f} % of the way was measured on the road"
+    line = f"{errors.path_m:8.2f} m"
+    if errors.final_translation_m is not None:
+        line += (
+            f"    final error {errors.final_translation_m:.2f} m, {errors.final_translation_percent:.2f} %"
+        )
+    if errors.t_rel_percent is not None:
+        line += f"    t_rel {errors.t_rel_percent:.2f} %"
+    return line
 
 
 def compare(arguments: argparse.Namespace) -> str | None:
@@ -172,7 +183,9 @@ def experiments(arguments: argparse.Namespace) -> str | None:
     with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
         for name in names:
             module = importlib.import_module(f"stereocalib_core.experiments.{name.replace('-', '_')}")
-            module.run(out, arguments.source, progress)
+            # with `all` a source goes to the experiments that drive along one
+            source = None if arguments.name == "all" and not module.TAKES_DRIVE else arguments.source
+            module.run(out, source, progress)
     for name in names:
         print(f"{arguments.out}/{name}.json")
     return None

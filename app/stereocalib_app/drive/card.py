@@ -63,6 +63,8 @@ def mount_rows(drive: Drive) -> list[CardRow]:
         if within is None:
             words = "not every axis measured"
         rows.append(CardRow("tolerance", words, bad=not within))
+    if drive.mount.note is not None:
+        rows.append(CardRow("mount", drive.mount.note, bad=True))
     rows.append(CardRow("stereo pair", drive.pair.verdict, bad=drive.pair.verdict != "good"))
     shifts = [shift_words(shift) for shift in drive.shifts]
     more = f"; and {len(shifts) - SHIFTS_SHOWN} more" if len(shifts) > SHIFTS_SHOWN else ""

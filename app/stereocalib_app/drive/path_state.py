@@ -11,6 +11,7 @@ import numpy as np
 from stereocalib_app.drive.paths import DrivePaths
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_core.back.evaluation import OdometryErrors, errors_along, evaluate
+from stereocalib_core.config import OdometryConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.numeric.arrays import Array
@@ -36,18 +37,19 @@ class PathState:
     errors: Mapping[str, PathErrors] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def compare(poses: Array, truth: GroundTruth | None) -> PathErrors:
-    """One path against the truth as far as it goes."""
+def compare(poses: Array, truth: GroundTruth | None, measured_share: float = 1.0) -> PathErrors:
+    """One path against the truth as far as it goes; no figures where most of it was not measured on a road."""
+    least = OdometryConfig().min_measured
     true_poses = None if truth is None else truth.poses
     reliable = truth is None or truth.heading_reliable
     try:
-        summary = evaluate(poses, true_poses, reliable)
-        if true_poses is None or not reliable or len(poses) < 2:
+        summary = evaluate(poses, true_poses, reliable, measured_share, least)
+        if summary.path_m is None or true_poses is None or not reliable or len(poses) < 2:
             return PathErrors(summary)
         distance, miss, heading = errors_along(poses, true_poses)
     except StereoCalibError:
         # No two frames with a true pose: nothing to compare with.
-        return PathErrors(evaluate(poses, None))
+        return PathErrors(evaluate(poses, None, True, measured_share, least))
     return PathErrors(summary, distance, miss, np.rad2deg(heading))
 
 
@@ -80,13 +82,15 @@ class PathBook:
             self._paths, self._variants = paths, {}
         key = (corrections.source, corrections.model)
         if key not in self._variants:
-            found = {name: t.poses for name, t in paths.variants(*key).items()}
-            errors = {name: compare(poses, self._truth) for name, poses in found.items()}
+            variants = paths.variants(*key)
+            found = {name: t.poses for name, t in variants.items()}
+            errors = {name: compare(t.poses, self._truth, t.measured_share) for name, t in variants.items()}
             if self._truth is not None and self._truth.poses is not None:
                 found = {"ground_truth": self._truth.poses, **found}
             self._variants[key] = PathState(found, errors)
         base = self._variants[key]
         if not corrections.touched:
             return base
-        live = paths.live(corrections).poses
-        return PathState({**base.poses, "live": live}, {**base.errors, "live": compare(live, self._truth)})
+        live = paths.live(corrections)
+        errors = {**base.errors, "live": compare(live.poses, self._truth, live.measured_share)}
+        return PathState({**base.poses, "live": live.poses}, errors)

@@ -54,7 +54,8 @@ class DrivePaths:
         raw = estimates(results)
         column = np.full((len(raw), 1), yaw)
         self._raw = np.hstack([raw, column])
-        self._filtered = self._raw if drive is None else np.hstack([drive.frames.filtered, column])
+        self._filtered = self._raw if drive is None else np.hstack([drive.frames.smoothed, column])
+        self._sigma = None if drive is None else drive.frames.smoothed_sigma
         self._tracks = pack(camera, results)
         self._lock = threading.Lock()
         self._variant = lru_cache(maxsize=24)(self._compute_variant)
@@ -70,14 +71,15 @@ class DrivePaths:
         """The path under the page's corrections."""
         settings = core_settings(corrections, self.lever_arm_m)
         with self._lock:
-            return trajectory(self._tracks, self.extrinsics(corrections.source), settings)
+            return trajectory(self._tracks, self.extrinsics(corrections.source), settings, self._sigma)
 
     def _compute_variant(self, name: str, source: str, model: str) -> Trajectory:
         values: dict[str, Any] = {**VARIANTS[name].__dict__, "model": model}
         if self.lever_arm_m is not None:
             values["lever_arm_m"] = self.lever_arm_m
         with self._lock:
-            return trajectory(self._tracks, self.extrinsics(source), TrajectorySettings(**values))
+            settings = TrajectorySettings(**values)
+            return trajectory(self._tracks, self.extrinsics(source), settings, self._sigma)
 
     def variants(self, source: str, model: str) -> dict[str, Trajectory]:
         """The paper's variants with a motion model."""

@@ -49,14 +49,18 @@ def _facts(snapshot: Snapshot, paths: PathState) -> list[str]:
             facts.append(
                 f"ends {text.number(best.summary.final_translation_m, 2, ' m')} ({percent}) off the truth"
             )
+        if best.summary.t_rel_percent is not None:
+            facts.append(f"t_rel {text.number(best.summary.t_rel_percent, 2, ' %')}")
+        if best.summary.path_m is None:
+            facts[-1] = "path: a gap, most of the way shows no road"
     return facts
 
 
 def path_table(paths: PathState) -> str:
-    """Length, final error and heading error of every path, and the colour of each."""
+    """Length, final error, t_rel and heading error of every path, and the colour of each."""
     rows = []
     if "ground_truth" in paths.poses:
-        rows.append([palette.VARIANT_NAME["ground_truth"], *("–",) * 4])
+        rows.append([palette.VARIANT_NAME["ground_truth"], *("–",) * 5])
     for name, found in paths.errors.items():
         s = found.summary
         rows.append(
@@ -65,6 +69,7 @@ def path_table(paths: PathState) -> str:
                 text.number(s.path_m, 1),
                 text.number(s.final_translation_m, 2),
                 text.number(s.final_translation_percent, 2),
+                text.number(s.t_rel_percent, 2),
                 text.number(s.final_rotation_deg, 2),
             ]
         )
@@ -72,7 +77,7 @@ def path_table(paths: PathState) -> str:
         return note("The paths appear as soon as some frames are computed.")
     colors = {name: palette.VARIANT[key] for key, name in palette.VARIANT_NAME.items()}
     return numbers_table(
-        "Where each path ends [m, %, °]", ("", "length", "error", "%", "heading"), rows, colors
+        "Where each path ends [m, %, °]", ("", "length", "error", "%", "t_rel %", "heading"), rows, colors
     )
 
 

@@ -1,14 +1,12 @@
 """The motion of the camera in six degrees of freedom between two frames, for every pair of a drive at once.
 
-Gauss-Newton with Cauchy weights on the reprojection error:
-
-- `solve_full`: road points and points above the road, each with a weight of its own. Those above have one common
-  depth factor per pair, close to one: they steady the rotation and leave the scale to the road.
+- `solve_full`: road points at the depths that the caller gives them, and points above the road, which have one
+  common depth factor per pair, close to one: they steady the rotation and leave the scale to the road.
 - `solve_stereo`: all points alike, from measured disparities; no road needed.
 
-Arrays are those of `PackedTracks`: `rays` (5, M) holds x, y, inverse depth, x', y' in normalised
-coordinates. A motion of the camera is (rotation vector, translation) of T_current_previous. Frames are
-solved in parallel, each by one worker in a fixed order, so a result repeats bit for bit.
+Arrays are those of `PackedTracks`: `rays` (5, M) holds x, y, inverse depth, x', y' in normalised coordinates. A
+motion of the camera is (rotation vector, translation) of T_current_previous. Frames are solved in parallel, each by
+one worker in a fixed order, so a result repeats bit for bit.
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.back.odometry.weighted_motion import weighted_pair
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.rigid_motion import full_pair
 
@@ -29,21 +28,18 @@ def solve_full(
     start: NDArray[np.int64],
     road_end: NDArray[np.int64],
     active: NDArray[np.bool_],
-    tilts: Array,
     initial: Array,
     focal_px: float,
-    road_share: float,
     scale_sigma: float,
     cauchy_px: float,
     solver: tuple[float, int, int],
     motions: Array,
     covariances: Array,
 ) -> None:
-    """Every active pair of first ... last by `full_pair`, in place.
+    """Every active pair of first ... last by `weighted_pair`, in place; rays (6, M), the last row being the variance of
+    the inverse depth.
 
-    tilts: (N, 3) what is added to normal / height [1/m] of the road in the previous frame of each pair.
-    initial: (N, 6 or more) where to start. road_share: weight of a road point, 1 for others.
-    scale_sigma: of the depth factor of points off the road.
+    initial: (N, 6 or more) where to start. scale_sigma: of the depth factor of points off the road.
     motions: (N, 7) motion, and 1 where it was solved. covariances: (N, 6, 6).
     """
     for i in range(first, last):
@@ -51,9 +47,9 @@ def solve_full(
             continue
         motion = initial[i, :6].copy()
         information = np.zeros((6, 6))
-        variance = full_pair(
-            rays, start[i], road_end[i], start[i + 1], tilts[i], motion,
-            focal_px, road_share, scale_sigma, cauchy_px, solver, information,
+        variance = weighted_pair(
+            rays, start[i], road_end[i], start[i + 1], motion,
+            focal_px, scale_sigma, cauchy_px, solver, information,
         )  # fmt: skip
         if variance >= 0.0:
             motions[i, :6] = motion
@@ -73,8 +69,9 @@ def solve_stereo(
     cauchy_px: tuple[float, ...],
     solver: tuple[float, int, int],
     motions: Array,
+    covariances: Array,
 ) -> None:
-    """Every pair of first ... last from measured disparities alone, in place; `motions` (N, 7) as in `solve_full`.
+    """Every pair of first ... last from measured disparities alone, in place; arrays as in `solve_full`.
 
     cauchy_px: scales, wide to narrow, because nothing is known of the motion yet.
     """
@@ -86,13 +83,14 @@ def solve_stereo(
             continue
         motion = np.zeros(6)
         information = np.zeros((6, 6))
-        solved = True
+        solved, variance = True, 0.0
         for width_px in cauchy_px:
             variance = full_pair(
-                rays, start[i], start[i], start[i + 1], np.zeros(3), motion,
-                focal_px, 1.0, 1.0, width_px, solver, information,
+                rays, start[i], start[i], start[i + 1], motion,
+                focal_px, 1.0, width_px, solver, information,
             )  # fmt: skip
             solved = solved and variance >= 0.0
         if solved:
             motions[i, :6] = motion
             motions[i, 6] = 1.0
+            covariances[i] = np.linalg.inv(information) * variance

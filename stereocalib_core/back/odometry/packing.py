@@ -44,13 +44,22 @@ class PackedTracks:
     def stereo_motion(self) -> Array:
         """(N, 7) rotation vector [rad], translation [m] of T_current_previous (left camera) from measured
         disparities alone, and 1 where it could be solved; the start of every other solution."""
-        motions = np.zeros((len(self), 7))
+        return self._stereo[0]
+
+    @property
+    def stereo_covariance(self) -> Array:
+        """(N, 6, 6) of `stereo_motion`."""
+        return self._stereo[1]
+
+    @cached_property
+    def _stereo(self) -> tuple[Array, Array]:
+        motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
         in_chunks(
             solve_stereo, len(self),
             self.rays, self.start, self.previous, self.camera.focal_px, self.config.min_points,
-            (*self.config.solver.wide_px, self.config.solver.cauchy_px), self.solver, motions,
+            (*self.config.solver.wide_px, self.config.solver.cauchy_px), self.solver, motions, covariances,
         )  # fmt: skip
-        return motions
+        return motions, covariances
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
@@ -59,31 +68,20 @@ class PackedTracks:
             (self.previous >= 0) & ~self.still & (np.diff(self.start) >= self.config.min_points)
         )
 
-    @cached_property
-    def best_motion(self) -> tuple[Array, Array]:
-        """(N, 7) motion as `stereo_motion` and its (N, 6, 6) covariance, from all that the tracks measure."""
-        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, 1.0, self.config.scale_sigma)
-
-    @cached_property
-    def road_motion(self) -> Array:
-        """(N, 7) motion with the road weighted by `road_share` and nothing changed in its extrinsics."""
-        return self.full_motion(np.zeros((len(self), 3)), self.stereo_motion, self.config.road_share, 1e-6)[0]
-
     @property
     def solver(self) -> tuple[float, int, int]:
         """What `full_pair` is set by."""
         solver = self.config.solver
         return solver.noise_px, solver.iterations, self.config.min_points_of_a_kind
 
-    def full_motion(
-        self, tilts: Array, initial: Array, road_share: float, scale_sigma: float
-    ) -> tuple[Array, Array]:
-        """Every active pair by `solve_full`: (N, 7) motion and 1 where it was solved, (N, 6, 6) covariance."""
+    def full_motion(self, rays: Array) -> tuple[Array, Array]:
+        """Every active pair by `solve_full` with `rays` (5, M) in place of the measured ones: (N, 7) motion and 1
+        where it was solved, (N, 6, 6) covariance."""
         motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
         in_chunks(
             solve_full, len(self),
-            self.rays, self.start, self.road_end, self.active, tilts, initial, self.camera.focal_px,
-            road_share, scale_sigma, self.config.solver.cauchy_px, self.solver, motions, covariances,
+            rays, self.start, self.road_end, self.active, self.stereo_motion, self.camera.focal_px,
+            self.config.scale_sigma, self.config.solver.cauchy_px, self.solver, motions, covariances,
         )  # fmt: skip
         return motions, covariances
 

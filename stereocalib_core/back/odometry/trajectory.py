@@ -4,20 +4,21 @@
 axis is scaled by its strength (0 = taken as zero; height: the drive's median), then the injected error is
 added. The models:
 
-- `full` (default): six degrees of freedom, plane and motion together: the best motion of each pair from all that
-  its tracks measure on and above the road. What the settings change in the extrinsics changes the disparities
-  of its road points (eq. 16 with and without the change); how far this moves a solution in which the road has
-  the greater weight is applied to the best motion.
+- `full` (default): six degrees of freedom. The depth of a road point is the road's by eq. 16, fused with its measured
+  disparity by their covariances (`road_depth`); points above the road bring rotation.
 - `planar`: the paper's, eq. 13-16: road points lie on the plane of the extrinsics exactly as given.
 - `nonholonomic`: planar, held to a rear axle that does not slip sideways; here yaw and lever arm count.
+- `stereo_only`: all points by their measured disparities; no road and no extrinsics. To compare with.
 
+All variants of a model share tracks, weights and solver and differ in the extrinsics alone. Where a pair shows no
+road its motion is taken from the disparities, so that the path goes on, and `measured` says that it is a gap.
 Under `full` and `planar` the path of the camera itself does not depend on yaw at all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
+from stereocalib_core.back.odometry.road_depth import fused_rays, with_floors
 from stereocalib_core.config import VehicleConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import road_rotation
@@ -32,7 +34,8 @@ from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
 
-Model = Literal["full", "planar", "nonholonomic"]
+Model = Literal["full", "planar", "nonholonomic", "stereo_only"]
+MODELS: tuple[str, ...] = get_args(Model)
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,9 @@ class TrajectorySettings:
                 raise ConfigError(
                     f"{axis} strength {strength:g}", "trajectory settings", "give a value from 0 to 1"
                 )
-        if self.model not in ("full", "planar", "nonholonomic"):
+        if self.model not in MODELS:
             raise ConfigError(
-                f"motion model {self.model}", "trajectory settings", "full, planar or nonholonomic"
+                f"motion model {self.model}", "trajectory settings", "one of " + ", ".join(MODELS)
             )
 
 
@@ -85,7 +88,9 @@ class Trajectory:
         axes of this frame's camera; zero where nothing was measured.
     planar: (N, 3) x, z [m], heading [rad] of each pair in the road frame of its previous frame.
     planar_covariance: (N, 3, 3) of `planar`.
-    measured: (N,) False where the motion is a prediction or rests on no road; frame 0 is True.
+    measured: (N,) False where the motion is a prediction or rests on no road; frame 0 is True. Under `stereo_only`
+        only predictions are False.
+    tracked: (N,) whether the motion into a frame was seen by tracks, on a road or not.
     """
 
     poses: Array
@@ -93,6 +98,16 @@ class Trajectory:
     planar: Array
     planar_covariance: Array
     measured: NDArray[np.bool_]
+    tracked: NDArray[np.bool_]
+
+    @property
+    def measured_share(self) -> float:
+        """Which part of the way was measured, 0 ... 1; by frames where nothing of the way is known."""
+        if len(self.poses) < 2:
+            return 1.0
+        # a frame counts a little by itself, so that standing is a way as well
+        way = np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1) + 0.01
+        return float((way * self.measured[1:]).sum() / way.sum())
 
     @property
     def gaps(self) -> tuple[tuple[int, int], ...]:
@@ -126,18 +141,23 @@ def apply_settings(extrinsics: Array, settings: TrajectorySettings) -> Array:
     return np.column_stack([np.maximum(height, 0.05), angles])
 
 
-def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySettings) -> Trajectory:
+def trajectory(
+    tracks: PackedTracks, extrinsics: Array, settings: TrajectorySettings, sigma: Array | None = None
+) -> Trajectory:
     """The whole drive under one variant.
 
     extrinsics: (N, 4) height [m], pitch, roll, yaw [rad] of every frame, raw or filtered; NaN = unknown.
+    sigma: (N, 3) of height, pitch, roll; None: as sure as the road is even.
     """
     if np.shape(extrinsics) != (len(tracks), 4):
         raise ConfigError(
             f"extrinsics of shape {np.shape(extrinsics)}", "trajectory", f"give ({len(tracks)}, 4)"
         )
+    if settings.model == "stereo_only":
+        return _stereo_only(tracks)
     known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
-    filled = fill_missing(np.asarray(extrinsics, dtype=np.float64))
-    used = apply_settings(filled, settings)
+    given = fill_missing(np.asarray(extrinsics, dtype=np.float64))
+    used = apply_settings(given, settings)
     rotations = road_rotation(used[:, 1], used[:, 2])
     has_pair = tracks.previous >= 0
     origin = np.maximum(tracks.previous, 0)
@@ -145,9 +165,14 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
-        motions, covariance = _full(tracks, filled, used, rotations, road)
+        fb = tracks.camera.focal_px * tracks.camera.baseline_m
+        fused = fused_rays(
+            tracks.rays, tracks.start, tracks.road_end, tracks.previous, road, used, given,
+            with_floors(sigma, len(tracks), tracks.config), (tracks.config.disparity_noise_px / fb) ** 2,
+        )  # fmt: skip
+        motions, motion_covariance = tracks.full_motion(fused)
         planar = _planar_of(motions, rotations, origin)
-        planar_covariance = _planar_covariance(covariance, motions, rotations, origin)
+        planar_covariance = _planar_covariance(motion_covariance, motions, rotations, origin)
     else:
         lever = settings.lever_arm_m if settings.model == "nonholonomic" else float("nan")
         planar, planar_covariance, solved = _planar(tracks, used, rotations, road & moving, lever)
@@ -156,44 +181,38 @@ def trajectory(tracks: PackedTracks, extrinsics: Array, settings: TrajectorySett
         rest = moving & ~solved.astype(bool)
         motions[rest] = tracks.stereo_motion[rest]
         planar[rest] = _planar_of(motions, rotations, origin)[rest]
-        covariance = _covariance_of(planar_covariance, rotations, origin)
-    motions[tracks.still] = [0, 0, 0, 0, 0, 0, 1]
+        motion_covariance = _covariance_of(planar_covariance, rotations, origin)
     planar[tracks.still] = 0.0
+    return _path(tracks, motions, motion_covariance, planar, planar_covariance, road)
+
+
+def _stereo_only(tracks: PackedTracks) -> Trajectory:
+    """The path by measured disparities; `planar` is in the camera's own axes, for there is no road."""
+    level = np.tile(np.eye(3), (len(tracks), 1, 1))
+    origin, motions = np.maximum(tracks.previous, 0), tracks.stereo_motion.copy()
+    planar = _planar_of(motions, level, origin)
+    planar[tracks.still] = 0.0
+    planar_covariance = _planar_covariance(tracks.stereo_covariance, motions, level, origin)
+    everywhere = tracks.previous >= 0
+    return _path(tracks, motions, tracks.stereo_covariance, planar, planar_covariance, everywhere)
+
+
+def _path(
+    tracks: PackedTracks,
+    motions: Array,
+    covariance: Array,
+    planar: Array,
+    planar_covariance: Array,
+    shown: NDArray[np.bool_],
+) -> Trajectory:
+    """The motions (N, 7) of all pairs, one after the other; shown: (N,) pairs that show what their model rests on."""
+    has_pair = tracks.previous >= 0
+    motions[tracks.still] = [0, 0, 0, 0, 0, 0, 1]
     poses, bridged = _chain(motions, tracks.previous)
-    measured = (road | (tracks.still & has_pair)) & (motions[:, 6] > 0) & ~bridged
+    tracked = has_pair & (motions[:, 6] > 0)
+    measured = (shown | (tracks.still & has_pair)) & tracked & ~bridged
     measured[:1] = True
-    return Trajectory(poses, covariance, planar, planar_covariance, measured)
-
-
-def _full(
-    tracks: PackedTracks, given: Array, used: Array, rotations: Array, road: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """(N, 7) motion of the camera and (N, 6, 6) covariance by the full model."""
-    change = (
-        rotations[:, :, 1] / used[:, :1] - road_rotation(given[:, 1], given[:, 2])[:, :, 1] / given[:, :1]
-    )
-    tilts = np.where(road[:, None], change[np.maximum(tracks.previous, 0)], 0.0)
-    best, covariance = tracks.best_motion
-    if not tilts.any():
-        return best.copy(), covariance
-    changed, _ = tracks.full_motion(tilts, tracks.road_motion, tracks.config.road_share, 1e-6)
-    return _carry(best, tracks.road_motion, changed), covariance
-
-
-@njit(cache=True, nogil=True)
-def _carry(best: Array, before: Array, after: Array) -> Array:
-    """(N, 7) `best`, moved by what leads from `before` to `after`; where one of these is missing, as it is."""
-    result = best.copy()
-    for i in range(len(best)):
-        if not (before[i, 6] > 0.0 and after[i, 6] > 0.0 and best[i, 6] > 0.0):
-            continue
-        turn = rotation_from_vector(after[i, :3]) @ np.ascontiguousarray(
-            rotation_from_vector(before[i, :3]).T
-        )
-        shift = after[i, 3:6] - turn @ np.ascontiguousarray(before[i, 3:6])
-        result[i, :3] = vector_from_rotation(turn @ rotation_from_vector(best[i, :3]))
-        result[i, 3:6] = turn @ np.ascontiguousarray(best[i, 3:6]) + shift
-    return result
+    return Trajectory(poses, covariance, planar, planar_covariance, measured, tracked)
 
 
 def _planar(

@@ -10,9 +10,10 @@ def warm_up() -> None:
     from stereocalib_core.back.rig.body_filter import RigFilter
     from stereocalib_core.back.rig.road_points import fit_plane
     from stereocalib_core.back.rig.vanishing_point import vanishing_points
+    from stereocalib_core.geometry import StereoCamera
 
     fit_plane(np.random.default_rng(0).uniform(0.1, 0.4, (3, 30)), np.ones(30), 3, 1, 0.3)
-    rig = RigFilter()
+    rig = RigFilter(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5))
     for time_s in (0.0, 0.1):
         rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))
     one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)

@@ -1,9 +1,15 @@
 """The unscented Kalman filter of a camera on a car's body, one frame at a time.
 
 Per axis (height, pitch, roll) the body swings as a damped oscillator about a rest pose; the rest pose itself
-wanders (braking, a curve, load, the mount), and what a frame measures is where the body is. State: rest (3),
-body minus rest (3), velocity (3). How lively the body is, and how far the stated covariances can be trusted,
-is learnt on the way (`noise_bank`), so that a well measured drive is followed and a badly measured one is
+wanders (braking, a curve, load, the mount). State: rest (3), body minus rest (3), velocity (3).
+
+What a frame measures is the road's plane in disparity space, z = (A, B, C) of eq. 16: there the errors of a fit are
+normal, and its covariance is the fit's own. In height, pitch and roll they are not: h = b cos(roll) cos(pitch) / A
+leans to large heights, and the more so the unsurer the plane and the lower the camera. So the measurement is
+nonlinear in the state, which is what an unscented filter is for.
+
+ How lively the body is, and how far the stated covariances can be trusted,
+is learnt on the way (`multiple_model`), so that a well measured drive is followed and a badly measured one is
 smoothed.
 """
 
@@ -17,9 +23,12 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from stereocalib_core.back.rig.multiple_model import NoiseBank
 from stereocalib_core.config import FilterConfig, VehicleConfig
+from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 
 _N = 9
+_LOWEST_M = 0.02
+"""Below the bumper of any car [m]."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +80,26 @@ class _MatrixUKF(UnscentedKalmanFilter):  # type: ignore[misc]
         self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
 
 
-def _measure(x: Array) -> Array:
+def seen(x: Array) -> Array:
+    """(3,) height [m], pitch, roll [rad] of the body's pose in a state (9,)."""
     return np.asarray(x[:3] + x[3:6])
+
+
+def plane_of(camera: StereoCamera, values: Array) -> Array:
+    """(3,) A, B, C of eq. 16 for height, pitch, roll."""
+    plane = _extrinsics(values).disparity_plane(camera)
+    return np.array([plane.a, plane.b, plane.c_px])
+
+
+def plane_covariance(camera: StereoCamera, values: Array, covariance: Array) -> Array:
+    """(3, 3) of A, B, C from that of height, pitch and roll, by the exact Jacobian."""
+    J = _extrinsics(values).disparity_plane_jacobian(camera)
+    return np.asarray(J @ covariance @ J.T)
+
+
+def _extrinsics(values: Array) -> Extrinsics:
+    # a sigma point of a low camera may lie below the road
+    return Extrinsics(max(float(values[0]), _LOWEST_M), float(values[1]), float(values[2]))
 
 
 def measured_covariance(P: Array) -> Array:
@@ -87,7 +114,10 @@ class RigFilter:
     `recovery_frames` gated in a row the filter begins anew from the next one.
     """
 
-    def __init__(self, config: FilterConfig | None = None, vehicle: VehicleConfig | None = None) -> None:
+    def __init__(
+        self, camera: StereoCamera, config: FilterConfig | None = None, vehicle: VehicleConfig | None = None
+    ) -> None:
+        self.camera = camera
         self.config = config or FilterConfig()
         self.vehicle = vehicle or VehicleConfig()
         c = self.config
@@ -126,10 +156,9 @@ class RigFilter:
         noise = self._predict(ukf, timestamp_s, z, R)
         scale = np.outer(noise, noise)
         R = R * scale
-        innovation = z - _measure(ukf.x)
-        S = measured_covariance(ukf.P) + R + self._slack
+        innovation = z - seen(ukf.x)
         joined = True
-        if float(innovation @ np.linalg.solve(S, innovation)) > self.config.gate:
+        if self._surprise(ukf, z, R) > self.config.gate:
             self._gated += 1
             if self._gated <= self.config.recovery_frames:
                 return self._report(ukf, "predicted")
@@ -137,13 +166,21 @@ class RigFilter:
             self._reopen(ukf, innovation)
         self._gated = 0
         self._persistent = persistent * scale
-        ukf.update(z, R=R)
+        ukf.update(self._plane(z), R=self._plane_covariance(z, R))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         return self._report(ukf, "updated", joined)
 
+    def _surprise(self, ukf: _MatrixUKF, z: Array, R: Array) -> float:
+        """Squared Mahalanobis distance of a measured plane from the predicted one, what a body may do included."""
+        predicted = seen(ukf.x)
+        S = self._plane_covariance(predicted, measured_covariance(ukf.P) + self._slack)
+        S = S + self._plane_covariance(z, R)
+        off = self._plane(z) - self._plane(predicted)
+        return float(off @ np.linalg.solve(S, off))
+
     def _start(self, timestamp_s: float, z: Array, R: Array) -> _MatrixUKF:
         points = MerweScaledSigmaPoints(_N, alpha=1.0, beta=2.0, kappa=3.0 - _N)
-        ukf = _MatrixUKF(_N, 3, 0.1, _measure, None, points)
+        ukf = _MatrixUKF(_N, 3, 0.1, self._plane_of_state, None, points)
         ukf.x = np.concatenate([z, np.zeros(6)])
         body = np.diag(self._body**2)
         ukf.P = np.zeros((_N, _N))
@@ -164,6 +201,15 @@ class RigFilter:
             for k in range(3)
         ]
         return ukf
+
+    def _plane_of_state(self, x: Array) -> Array:
+        return self._plane(seen(x))
+
+    def _plane(self, values: Array) -> Array:
+        return plane_of(self.camera, values)
+
+    def _plane_covariance(self, values: Array, covariance: Array) -> Array:
+        return plane_covariance(self.camera, values, covariance)
 
     def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Array | None, R: Array | None) -> Array:
         """Advance the banks and the filter; gives the (3,) factors on the measurement's sigma."""
@@ -212,9 +258,7 @@ class RigFilter:
             scale = np.maximum(self._widest / sigma, 1.0)
             covariance, sigma = covariance * np.outer(scale, scale), sigma * scale
         self._widest = sigma
-        return FilterStep(
-            _measure(ukf.x), covariance, state, ukf.x.copy(), ukf.P.copy(), *self._prior, joined
-        )
+        return FilterStep(seen(ukf.x), covariance, state, ukf.x.copy(), ukf.P.copy(), *self._prior, joined)
 
     @property
     def persistent(self) -> Array:

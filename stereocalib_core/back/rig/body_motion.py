@@ -45,7 +45,7 @@ class MotionSeries:
         dt = np.maximum(timestamps_s - timestamps_s[np.maximum(tracks.previous, 0)], 1e-3)
         speed = np.where(measured, path.planar[:, 1] / dt, np.nan)
         yaw_rate = np.where(measured, path.planar[:, 2] / dt, np.nan)
-        tracked = has_pair & (tracks.still | (tracks.best_motion[0][:, 6] > 0.0))
+        tracked = path.tracked.copy()
         tracked[1:] &= tracks.previous[1:] == np.arange(len(tracks) - 1)
         return cls(timestamps_s, speed, yaw_rate, path.poses, tracked, vehicle or VehicleConfig())
 

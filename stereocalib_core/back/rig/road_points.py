@@ -59,18 +59,12 @@ def road_planes(
     camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig, lane: LaneConfig
 ) -> tuple[Array, Array]:
     """(N, 3) height [m], pitch, roll [rad] by the road points of each frame and (N, 3, 3); NaN where there are few."""
-    points: list[list[Array]] = [[] for _ in results]
-    row_of = {r.frame: i for i, r in enumerate(results)}
+    values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
     for i, r in enumerate(results):
         if r.tracks is not None:
-            on_road = r.tracks.points[r.tracks.on_road].astype(np.float64)
-            points[i].append(on_road[:, 3:])
-            if r.tracks.previous in row_of:
-                points[row_of[r.tracks.previous]].append(on_road[:, :3])
-    values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
-    for i, parts in enumerate(points):
-        if parts:
-            values[i], covariance[i] = _plane(camera, np.concatenate(parts), config, lane)
+            # of the frame itself: the points that the next frame finds again are not known yet
+            points = r.tracks.points[r.tracks.on_road].astype(np.float64)[:, 3:]
+            values[i], covariance[i] = _plane(camera, points, config, lane)
     return values, covariance
 
 
@@ -81,7 +75,7 @@ def _plane(
     f, b = camera.focal_px, camera.baseline_m
     points = points[np.isfinite(points).all(axis=1) & (points[:, 2] > f * b / lane.far_m)]
     x, y, d = (points[:, 0] - camera.cx_px) / f, (points[:, 1] - camera.cy_px) / f, points[:, 2]
-    inside = (np.abs(x) * f * b < lane.half_width_m * d) & (d < f * b / lane.near_m)
+    inside = (np.abs(x) * f * b < config.half_width_m * d) & (d < f * b / lane.near_m)
     nothing = np.full(3, np.nan), np.full((3, 3), np.nan)
     if inside.sum() < config.min_points:
         return nothing

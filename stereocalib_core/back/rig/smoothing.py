@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,39 +17,45 @@ if TYPE_CHECKING:
     from stereocalib_core.back.rig.body_filter import FilterStep
 
 
+class FilteredDrive(NamedTuple):
+    """filtered: what was known at each frame, of it and the frames before. smoothed: later frames have their say."""
+
+    filtered: FilteredExtrinsics
+    smoothed: FilteredExtrinsics
+
+
 def filter_drive(
     results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig | None = None
-) -> FilteredExtrinsics:
-    """The filtered extrinsics of a drive.
+) -> FilteredDrive:
+    """The extrinsics of a drive after the filter, forwards, and after a look back (Rauch, Tung, Striebel).
 
     With the method `paper`, whose stated covariance knows nothing of camber and twist, tracked road points count
     where they are surer; the direct alignment is as sure as they are.
 
-    With `look_ahead` every stretch of `updated` frames is smoothed backwards (Rauch, Tung, Striebel). What
-    was predicted stays as it was predicted: later frames do not bridge a gap.
+    The look back goes over every stretch of `updated` frames. What was predicted stays as it was predicted: later
+    frames do not bridge a gap.
     """
     # not before a drive is filtered: filterpy brings half a second of imports
-    from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance
+    from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance, seen
 
     config = config or PipelineConfig()
-    rig = RigFilter(config.filter, config.vehicle)
+    rig = RigFilter(camera, config.filter, config.vehicle)
     steps: list[FilterStep] = []
     persistent: list[Array] = []
     measured, covariances = _measured(results, camera, config)
     for result, z, R in zip(results, measured, covariances, strict=True):
         steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
         persistent.append(rig.persistent)
+    state, bends = tuple(s.state for s in steps), _bends(results)
     values = np.array([s.values for s in steps]).reshape(-1, 3)
     covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
-    if config.filter.look_ahead:
-        for first, last in _stretches(steps):
-            for i, (x, P) in zip(
-                range(last, first - 1, -1), _backwards(steps[first : last + 1]), strict=True
-            ):
-                values[i] = x[:3] + x[3:6]
-                covariance[i] = measured_covariance(P) + persistent[i]
-    covariance += _bends(results)
-    return FilteredExtrinsics(values, covariance, tuple(s.state for s in steps))
+    filtered = FilteredExtrinsics(values.copy(), covariance + bends, state)
+    for first, last in _stretches(steps):
+        backwards = _backwards(steps[first : last + 1])
+        for i, (x, P) in zip(range(last, first - 1, -1), backwards, strict=True):
+            values[i] = seen(x)
+            covariance[i] = measured_covariance(P) + persistent[i]
+    return FilteredDrive(filtered, FilteredExtrinsics(values, covariance + bends, state))
 
 
 def _measured(

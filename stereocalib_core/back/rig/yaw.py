@@ -135,15 +135,16 @@ def estimate_yaw(
     config: YawConfig | None = None,
     lever: Measured | None = None,
     vehicle: VehicleConfig | None = None,
+    extrinsics_sigma: Array | None = None,
 ) -> YawEstimate:
     """The mounting yaw of a drive, or the reason why it shows none.
 
-    extrinsics: (N, 3) height, pitch, roll of every frame, NaN = unknown. lever: of the rig file, if known;
-    else it is estimated from the drive's own turns.
+    extrinsics: (N, 3) height, pitch, roll of every frame, NaN = unknown, with their sigma (N, 3). lever: of
+    the rig file, if known; else it is estimated from the drive's own turns.
     """
     config, vehicle = config or YawConfig(), vehicle or VehicleConfig()
     full = np.column_stack([extrinsics[:, :3], np.zeros(len(extrinsics))])
-    motion = trajectory(tracks, full, TrajectorySettings(model="full"))
+    motion = trajectory(tracks, full, TrajectorySettings(model="full"), extrinsics_sigma)
     turn, distance = motion.planar[:, 2], motion.planar[:, 1]
     usable = motion.measured & (tracks.previous >= 0)
     straight = straight_pairs(distance, turn, usable, config)

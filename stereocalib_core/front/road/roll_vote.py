@@ -111,14 +111,34 @@ def _slopes_at_fixed_disparity(
     return slopes, variances, support
 
 
+def slopes_by_disparity(
+    u: Array,
+    v: Array,
+    d: Array,
+    step_px: int,
+    slope: float,
+    intercept_px: float,
+    camera: StereoCamera,
+    config: ProfileConfig,
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """(K,) slopes of eq. 12 at every whole disparity of the near range, far first, their variances and support.
+
+    slope, intercept_px: the road profile, along which cells are brought to their whole disparity.
+    """
+    slopes, variances, support = _slopes_at_fixed_disparity(
+        u, v, d, camera.cx_px, slope, intercept_px,
+        config.roll_min_disparity_px, float(d.max(initial=0.0)), config.roll_tolerance_px, config.roll_trials, step_px,
+    )  # fmt: skip
+    return slopes, variances, support
+
+
 def vote_roll(
     u: Array, v: Array, d: Array, step_px: int, profile: Profile, camera: StereoCamera, config: ProfileConfig
 ) -> RollVote | None:
     """Eq. 12 at every whole disparity of the near range; robust weighted mean of the slopes; None without votes."""
-    slopes, variances, support = _slopes_at_fixed_disparity(
-        u, v, d, camera.cx_px, profile.slope, profile.intercept_px,
-        config.roll_min_disparity_px, float(d.max(initial=0.0)), config.roll_tolerance_px, config.roll_trials, step_px,
-    )  # fmt: skip
+    slopes, variances, support = slopes_by_disparity(
+        u, v, d, step_px, profile.slope, profile.intercept_px, camera, config
+    )
     good = np.isfinite(slopes)
     if not good.any():
         return None

@@ -63,20 +63,7 @@ def robust_motion(
         motion = predicted.copy()
         information = np.zeros((6, 6))
         if s == 0:
-            full_pair(
-                rays,
-                0,
-                0,
-                count,
-                np.zeros(3),
-                motion,
-                focal_px,
-                1.0,
-                1.0,
-                4.0 * tolerance_px,
-                solver,
-                information,
-            )
+            full_pair(rays, 0, 0, count, motion, focal_px, 1.0, 4.0 * tolerance_px, solver, information)
         else:
             triple = np.empty((5, 3))
             seed = np.uint64(s * 2654435761 + 12345)
@@ -86,15 +73,13 @@ def robust_motion(
                 )
                 pick = np.int64((seed >> np.uint64(33)) % np.uint64(count))
                 triple[:, k] = rays[:, pick]
-            full_pair(triple, 0, 0, 3, np.zeros(3), motion, focal_px, 1.0, 1.0, 1000.0, solver, information)
+            full_pair(triple, 0, 0, 3, motion, focal_px, 1.0, 1000.0, solver, information)
         candidates[s] = motion
         scores[s] = _score(rays, votes, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
-    full_pair(
-        rays, 0, 0, count, np.zeros(3), motion, focal_px, 1.0, 1.0, 0.5 * tolerance_px, solver, information
-    )
+    full_pair(rays, 0, 0, count, motion, focal_px, 1.0, 0.5 * tolerance_px, solver, information)
     refined = _score(rays, votes, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined

@@ -12,9 +12,10 @@ from simulated_drive import CAMERA, camera_poses, car_path, mount_series, tracks
 from stereocalib_core.back.evaluation import evaluate, heading_between, path_lengths
 from stereocalib_core.back.odometry.lever_arm import estimate_lever_and_yaw
 from stereocalib_core.back.odometry.packing import PackedTracks, pack_tracks
+from stereocalib_core.back.odometry.road_depth import fused_rays, with_floors
 from stereocalib_core.back.odometry.trajectory import VARIANTS, TrajectorySettings, apply_settings, trajectory
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.geometry import rotation_x, transform
+from stereocalib_core.geometry import Extrinsics, rotation_x, transform
 from stereocalib_core.results import Tracks
 
 FRAMES = 400
@@ -99,7 +100,12 @@ def test_ablations_and_injected_errors_bend_the_path(drive: Drive, model: str) -
         straight = trajectory(drive.packed, drive.extrinsics, best)
         assert np.abs(bent.poses[:, :3, 3] - straight.poses[:, :3, 3]).max() > 1.0, error
     taller = trajectory(drive.packed, drive.extrinsics, replace(best, height_error_m=0.165))
-    assert taller.path_m == pytest.approx(1.1 * path_lengths(drive.poses)[-1], rel=0.01)
+    grown = taller.path_m / path_lengths(drive.poses)[-1]
+    if model == "full":
+        # the measured disparities have their say
+        assert 1.02 < grown < 1.09
+    else:
+        assert grown == pytest.approx(1.1, rel=0.01)
 
 
 def test_a_pitch_error_changes_the_scale_as_the_geometry_says(exact: Drive) -> None:
@@ -111,6 +117,75 @@ def test_a_pitch_error_changes_the_scale_as_the_geometry_says(exact: Drive) -> N
     ratio = path / path_lengths(exact.poses)[-1]
     nearest, farthest = 1 - error * 6 / 1.65, 1 - error * 20 / 1.65
     assert farthest < ratio < nearest
+
+
+@pytest.mark.parametrize("model", ["full", "planar", "nonholonomic"])
+def test_extrinsics_tripled_ruin_the_path(drive: Drive, model: str) -> None:
+    """The calibration drives the odometry: pitch and roll three times as large, and it ends elsewhere."""
+    best = TrajectorySettings(model=model, lever_arm_m=LEVER)  # type: ignore[arg-type]
+    tripled = drive.extrinsics * [1.0, 3.0, 3.0, 1.0]
+    assert drive.percent(best, tripled) > 3 * drive.percent(best)
+
+
+def test_stereo_alone_knows_no_extrinsics(drive: Drive) -> None:
+    settings = TrajectorySettings("stereo_only")
+    plain = trajectory(drive.packed, drive.extrinsics, settings)
+    for other in (drive.extrinsics * 3.0, np.full_like(drive.extrinsics, np.nan)):
+        assert np.array_equal(trajectory(drive.packed, other, settings).poses, plain.poses)
+    assert plain.measured_share == 1.0
+    assert evaluate(plain.poses, drive.poses).final_translation_percent < 0.5  # type: ignore[operator]
+
+
+def test_weights_are_the_drives_and_not_the_variants(drive: Drive) -> None:
+    """Depths are linear in what a variant does to 1 / h, which they would not be were the weights its own."""
+    tracks, count = drive.packed, len(drive.packed)
+    config = tracks.config
+    variance = (config.disparity_noise_px / (CAMERA.focal_px * CAMERA.baseline_m)) ** 2
+
+    def depths(factor: float) -> np.ndarray:
+        used = drive.extrinsics / [factor, 1.0, 1.0, 1.0]
+        on_road = tracks.previous >= 0
+        sigma = with_floors(None, count, config)
+        return fused_rays(
+            tracks.rays, tracks.start, tracks.road_end, tracks.previous, on_road, used, drive.extrinsics,
+            sigma, variance,
+        )  # fmt: skip
+
+    one, half, twice = depths(1.0), depths(0.5), depths(2.0)
+    np.testing.assert_allclose(twice[2] - one[2], 2.0 * (one[2] - half[2]), atol=1e-12)
+    np.testing.assert_array_equal(one[5], twice[5])
+
+
+@pytest.mark.parametrize("sure_m", [1e-6, 10.0])
+def test_a_road_point_is_where_the_surer_of_the_two_puts_it(drive: Drive, sure_m: float) -> None:
+    """An exact road gives eq. 16, an unknown one the measured disparity."""
+    tracks, count = drive.packed, len(drive.packed)
+    variance = (0.25 / (CAMERA.focal_px * CAMERA.baseline_m)) ** 2
+    fused = fused_rays(
+        tracks.rays, tracks.start, tracks.road_end, tracks.previous, tracks.previous >= 0, drive.extrinsics,
+        drive.extrinsics, np.full((count, 3), sure_m), variance,
+    )  # fmt: skip
+    i = 5
+    points, previous = slice(tracks.start[i], tracks.road_end[i]), tracks.previous[i]
+    expected = tracks.rays[2, points]
+    if sure_m < 1.0:
+        plane = Extrinsics(*drive.extrinsics[previous]).plane()
+        x, y = tracks.rays[:2, points]
+        expected = (plane.normal @ np.stack([x, y, np.ones_like(x)])) / plane.offset_m
+    np.testing.assert_allclose(fused[2, points], expected, rtol=1e-3)
+
+
+def test_no_road_anywhere_is_a_gap_without_figures(drive: Drive) -> None:
+    packed = pack_tracks(CAMERA, drive.tracks, np.zeros(FRAMES, dtype=bool))
+    for model in ("full", "planar", "nonholonomic"):
+        result = trajectory(packed, drive.extrinsics, TrajectorySettings(model=model))  # type: ignore[arg-type]
+        assert result.measured_share < 0.01
+        errors = evaluate(result.poses, drive.poses, True, result.measured_share, 0.5)
+        assert (
+            errors.path_m is None
+            and errors.final_translation_percent is None
+            and errors.t_rel_percent is None
+        )
 
 
 def test_settings_act_as_their_fields_say() -> None:
