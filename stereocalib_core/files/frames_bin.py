@@ -15,11 +15,12 @@ import os
 import struct
 import time
 import zlib
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +54,25 @@ class Done:
     total_ms: float
 
 
-class Checkpoint:
-    """Writes one. Every record reaches the operating system before the next frame begins, so that a kill loses none,
+class Checkpoint(Sequence[Done]):
+    """Writes one, and is the frames that it holds: read when asked for, so that a long drive waits on the disk for
+    its end. Every record reaches the operating system before the next frame begins, so that a kill loses none,
     and the disk within `SYNC_S`, which is all that a power cut takes."""
 
     def __init__(self, path: Path, header: Mapping[str, Any], keep: int | None = None) -> None:
         """Start a file, or go on after its first `keep` bytes."""
         self.path = path
-        flags = os.O_WRONLY | os.O_CREAT | (0 if keep else os.O_TRUNC)
+        self._places = array("Q")  # begin and end of every frame's payload
+        flags = os.O_RDWR | os.O_CREAT | (0 if keep else os.O_TRUNC)
         try:
             self._file, self._synced = os.open(path, flags, 0o644), 0.0
             if keep:
                 os.ftruncate(self._file, keep)
                 os.lseek(self._file, 0, os.SEEK_END)
-                *_, self._chain = (record.chain for record in _walk(path))
+                for i, record in enumerate(_walk(path)):
+                    self._chain = record.chain
+                    if i > 0:
+                        self._places.extend((record.end - len(record.payload), record.end))
             else:
                 _write(self._file, MAGIC)
                 self._chain = 0
@@ -84,7 +90,25 @@ class Checkpoint:
         except OSError as error:
             remedy = error.strerror or "check the disk"
             raise OutputError("checkpoint cannot be written", self.path, remedy) from error
+        end = os.lseek(self._file, 0, os.SEEK_CUR)
+        self._places.extend((end - len(payload), end))
         return _unpack(payload)
+
+    def __len__(self) -> int:
+        return len(self._places) // 2
+
+    @overload
+    def __getitem__(self, index: int) -> Done: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Done]: ...
+
+    def __getitem__(self, index: int | slice) -> Done | list[Done]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        at = range(len(self))[index]
+        begin, end = self._places[2 * at], self._places[2 * at + 1]
+        return _unpack(os.pread(self._file, end - begin, begin))
 
     def _add(self, payload: bytes) -> None:
         self._chain = zlib.crc32(payload, self._chain)

@@ -52,8 +52,9 @@ def follow(
     front_end = FrontEnd(source.camera, config, matcher, source.T_camera_lidar)
     if earlier:
         _recall(front_end, source, earlier)
+    start, earlier = start + len(earlier), ()  # they are needed no more, and may be many
     before = time.perf_counter()
-    for frame in prefetch(source, start + len(earlier), stop):
+    for frame in prefetch(source, start, stop):
         look = front_end.look(frame)
         now = time.perf_counter()
         yield Step(frame, look, Done(look.result, front_end.memory, 1e3 * (now - before)))

@@ -125,13 +125,11 @@ def run_drive(
     source = open_source(spec)
     start, stop = frame_range(frames, len(source))
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
-    done: list[Done] = []
     begun = False
     try:
         with folder.alone():
             for run in range(1 + MOST_MENDINGS):
-                done.clear()
-                drive = _run_alone(job, folder, resume and not overwrite, run, done, progress)
+                drive = _run_alone(job, folder, resume and not overwrite, run, progress)
                 begun = True
                 mending = next_mending(drive, job.mending) if self_calibrate and run < MOST_MENDINGS else None
                 if mending is None:
@@ -142,24 +140,24 @@ def run_drive(
     except StereoCalibError:
         folder.undo()
         raise
+    except Interrupted:
+        raise
     except KeyboardInterrupt:
-        if done or begun:
-            raise Interrupted(len(done), stop - start) from None
+        if begun:
+            raise Interrupted(0, stop - start) from None
         folder.undo()
         raise
 
 
-def _run_alone(
-    job: Job, folder: OutputFolder, resume: bool, run: int, done: list[Done], progress: Progress | None
-) -> Drive:
-    """The drive once, while nobody else works in the folder. `done` is filled with the frames as they are finished.
+def _run_alone(job: Job, folder: OutputFolder, resume: bool, run: int, progress: Progress | None) -> Drive:
+    """The drive once, while nobody else works in the folder.
 
     run: how often the pair was mended before; what such a run left is taken from its file.
     """
     out, count = job.out, job.stop - job.start
     before = out / UNMENDED.format(run)
     if resume and before.is_file():
-        done[:], _ = read_checkpoint(before, job.header())
+        done, _ = read_checkpoint(before, job.header())
         return _drive(job, done, 1e-3 * sum(d.total_ms for d in done))[0]
     if resume and (out / REPORT).is_file() and not (out / CHECKPOINT).is_file():
         finished = _finished(job)
@@ -167,13 +165,13 @@ def _run_alone(
             return finished
     keep = None
     if _resumable(out, resume):
-        done[:], keep = read_checkpoint(out / CHECKPOINT, job.header())
-    if len(done) > count:
-        remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
-        raise OutputError("stopped run of more frames", out, remedy)
+        done, keep = read_checkpoint(out / CHECKPOINT, job.header())
+        if len(done) > count:
+            remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
+            raise OutputError("stopped run of more frames", out, remedy)
     if run == 0:
         folder.clear()
-    return _run(job, done, keep, progress)
+    return _run(job, keep, progress)
 
 
 def _set_aside(job: Job, run: int) -> None:
@@ -203,36 +201,50 @@ def _finished(job: Job) -> Drive | None:
     return load_run(job.out)
 
 
-def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None) -> Drive:
-    """All of it. `done`: frames of an earlier run, to which this one's are added as they are finished."""
-    earlier = list(done)
+def _run(job: Job, keep: int | None, progress: Progress | None) -> Drive:
+    """All of it. keep: bytes of an earlier run's checkpoint, to whose frames this one's are added."""
     for stale in job.out.glob(".*.tmp"):
         stale.unlink(missing_ok=True)
     checkpoint = Checkpoint(job.out / CHECKPOINT, job.header(), keep)
+    try:
+        drive = _through(job, checkpoint, progress)
+        write_mended(job.source, drive, job.out)
+        write_run(drive, job.out)
+    except KeyboardInterrupt:
+        if len(checkpoint):
+            raise Interrupted(len(checkpoint), job.stop - job.start) from None
+        raise
+    (job.out / CHECKPOINT).replace(job.out / FRAMES)
+    return drive
+
+
+def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Drive:
+    """The frames that are not in the checkpoint yet, then the whole drive."""
     observers: list[Observer] = []
-    whole = False
-    began = time.perf_counter()
+    earlier, whole, began = checkpoint[:], False, time.perf_counter()
+    elapsed_s = 1e-3 * sum(d.total_ms for d in earlier)
     try:
         for observer in _observers(job):
             observers.append(observer)
         for finished in earlier if observers else ():
             frame = job.seen[finished.result.frame]
             _show(observers, frame, finished.result, _matched(job, frame))
-        for step in follow(job.seen, job.config, job.start, job.stop, earlier):
-            done.append(checkpoint.append(step.done))
-            road = step.look.road
-            _show(observers, step.frame, done[-1].result, None if road is None else road.disparity)
+        steps = follow(job.seen, job.config, job.start, job.stop, earlier)
+        del earlier
+        for step in steps:
+            result, road = checkpoint.append(step.done).result, step.look.road
+            _show(observers, step.frame, result, None if road is None else road.disparity)
             if progress:
-                progress(len(done), job.stop - job.start, job.doing)
-        elapsed_s = time.perf_counter() - began + 1e-3 * sum(d.total_ms for d in earlier)
+                progress(len(checkpoint), job.stop - job.start, job.doing)
+        elapsed_s += time.perf_counter() - began
         if progress:
-            progress(len(done), job.stop - job.start, "analysing the drive")
-        drive, truth = _drive(job, done, elapsed_s)
+            progress(len(checkpoint), job.stop - job.start, "analysing the drive")
+        drive, truth = _drive(job, checkpoint[:], elapsed_s)
         for observer in observers:
             observer.drive(drive, None if truth is None else truth.poses)
         whole = True
     except KeyboardInterrupt:
-        if done:
+        if done := checkpoint[:]:
             whole = True
             drive = Drive.of_frames([d.result for d in done], job.config)
             write_run(_told(drive, job, done, 1e-3 * sum(d.total_ms for d in done)), job.out)
@@ -241,9 +253,6 @@ def _run(job: Job, done: list[Done], keep: int | None, progress: Progress | None
         checkpoint.close()
         for observer in observers:
             observer.close(whole)
-    write_mended(job.source, drive, job.out)
-    write_run(drive, job.out)
-    (job.out / CHECKPOINT).replace(job.out / FRAMES)
     return drive
 
 

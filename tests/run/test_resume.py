@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 import zlib
 from pathlib import Path
 from types import MappingProxyType
@@ -21,9 +23,12 @@ from drive_writer import odometry_drive
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, read_checkpoint, read_frames
-from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.frames import Recording, StereoFrame
+from stereocalib_core.front import pipeline
+from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import (
     Check,
+    Drive,
     FrameResult,
     FrontEndMemory,
     Measured,
@@ -37,6 +42,7 @@ from stereocalib_core.results import (
 )
 from stereocalib_core.run.drive import CHECKPOINT, Interrupted, run_drive
 
+CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)
 SMALL_PLANE = "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55"
 SAME_BYTES = ("extrinsics.csv", "trajectory.txt", "trajectory.tum", "config.json", "rig.yaml")
 
@@ -449,3 +455,42 @@ def test_what_a_killed_run_leaves_keeps_nobody_out(tmp_path: Path) -> None:
     (tmp_path / ".running").write_text("process 1 on nowhere\n")
     assert run_drive(SMALL_PLANE, tmp_path, resume=True).frames_ok == 3
     assert not (tmp_path / ".running").exists()
+
+
+def test_a_long_drive_waits_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the front end keeps of a frame is needed at the end only: memory does not grow with the frames."""
+    frames, tracked = 1500, finished(1)
+    big = dataclasses.replace(tracked.result.tracks, points=np.zeros((400, 6), np.float32))  # type: ignore[type-var]
+    seen: dict[int, int] = {}
+
+    class Quick:
+        memory = FrontEndMemory(None, None)
+
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def look(self, frame: StereoFrame) -> pipeline.Look:
+            result = dataclasses.replace(tracked.result, frame=frame.index, tracks=big)
+            return pipeline.Look(result)
+
+    def measured(done: int, total: int, _: str) -> None:
+        if done in (300, total):
+            gc.collect()
+            seen[done] = tracemalloc.get_traced_memory()[0]
+
+    recording = Recording(
+        "long", CAMERA, 0.1 * np.arange(frames), lambda i: StereoFrame(i, 0.1 * i, None, None)
+    )
+    monkeypatch.setattr("stereocalib_core.run.drive.open_source", lambda _: recording)
+    monkeypatch.setattr(pipeline, "FrontEnd", Quick)
+    monkeypatch.setattr(
+        "stereocalib_core.run.drive._analyse", lambda found, job, _: Drive.of_frames(found, job.config)
+    )
+    tracemalloc.start()
+    try:
+        drive = run_drive("long", tmp_path / "out", progress=measured)
+    finally:
+        tracemalloc.stop()
+    assert len(drive.frames) == frames
+    grown = (seen[frames] - seen[300]) / (frames - 300)
+    assert grown < 100, f"{grown:.0f} bytes a frame, of {big.points.nbytes} that each has"
