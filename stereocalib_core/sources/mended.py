@@ -108,8 +108,9 @@ class MendedSource:
         frame = self.source[index]
         if frame.right is None or index < self.first:
             return frame
-        # cubic: a blurred picture beside a sharp one would match worse
-        right = cv2.remap(frame.right, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        # A short kernel shifts fine texture by some hundredths of a pixel towards the pixel grid: the road of a
+        # rendered drive, mended by 1.25 px, then reads 0.011 deg of pitch high by a cubic one, 0.003 deg by this.
+        right = cv2.remap(frame.right, *self._maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
         return dataclasses.replace(frame, right=np.asarray(right, dtype=np.uint8))
 
 

@@ -18,6 +18,7 @@ from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoF
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import Drive, FrontEndMemory
 from stereocalib_core.run.drive import FRAMES
+from stereocalib_core.run.self_calibrate import mended_by
 from stereocalib_core.sources import open_source
 
 
@@ -31,6 +32,8 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     span = None
     try:
         whole = open_source(drive.source)
+        if drive.mended is not None:
+            whole = mended_by(whole, drive.mended)
         stop = min(first + len(finished), len(whole))
         source, finished = part_of(whole, first, stop), finished[: stop - first]
         span = None if (first, stop) == (0, len(whole)) else (first, stop)

@@ -12,6 +12,7 @@ from stereocalib_app.drive.panels.exports import ExportPanel
 from stereocalib_app.drive.panels.inspect import InspectPanel
 from stereocalib_app.drive.panels.lidar import LidarPanel
 from stereocalib_app.drive.panels.opener import OpenPanel
+from stereocalib_app.drive.panels.pair import PairPanel
 from stereocalib_app.drive.panels.path import PathPanel
 from stereocalib_app.drive.panels.playback import PlaybackPanel
 from stereocalib_app.drive.panels.teach import TeachPanel
@@ -38,6 +39,7 @@ PLOTS: Final[Table] = (
     ("Time line", TimelinePanel),
     ("Path errors", ErrorsPanel),
     ("LiDAR", LidarPanel),
+    ("Pair", PairPanel),
     ("Playback", PlaybackPanel),
 )
 """Tabs of the panel below the 3-D view."""
