@@ -77,7 +77,9 @@ Row = tuple[int | float, ...]
 
 def _value(text: str, header: list[str], number: int) -> tuple[int | float | None, bool]:
     """The time of one line, as a whole number where it is one, and whether it was a date."""
-    date = _DATE.search(text)
+    if text.isdecimal() and text.isascii() and len(text) <= 25:
+        return int(text), False  # most lists are nothing else, and may be long
+    date = _DATE.search(text) if ":" in text or "." in text[8:] or "-" in text[1:] else None
     if date is not None:
         return _nanoseconds(date), True
     words = split_words(text)

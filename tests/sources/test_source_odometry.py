@@ -208,6 +208,19 @@ def test_a_bad_pose_or_time_is_a_note_that_names_its_line(tmp_path: Path) -> Non
     np.testing.assert_allclose(source.timestamps_s, np.arange(6) / 10)
 
 
+def test_a_damaged_place_of_the_lidar_is_a_note(tmp_path: Path) -> None:
+    sequence = odometry_drive(tmp_path)
+    (sequence / "velodyne").mkdir()
+    for i in range(6):
+        np.ones((30, 4), np.float32).tofile(sequence / "velodyne" / f"{i:06d}.bin")
+    with (sequence / "calib.txt").open("a") as file:
+        file.write("Tr: 1 0 0 x 0 1 0 0 0 0 1 0\n")
+    source = open_source(str(sequence))
+    assert source[3].failure is None
+    assert source[3].lidar is None
+    assert any("LiDAR is not used" in note for note in source.notices)
+
+
 def test_times_that_do_not_increase_are_replaced_and_said(tmp_path: Path) -> None:
     sequence = odometry_drive(tmp_path)
     (sequence / "times.txt").write_text("0\n1\n1\n2\n3\n4\n")

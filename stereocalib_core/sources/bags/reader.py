@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sqlite3
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -46,14 +44,16 @@ class Bag:
             )
             self._reader.open()
             self._storages: list[Storage] = self._open_storages()
+            self.types = {str(c.topic): str(c.msgtype) for c in self._reader.connections}
+            self.counts: dict[str, int] = {}
+            for connection in self._reader.connections:
+                self.counts[connection.topic] = self.counts.get(connection.topic, 0) + int(
+                    connection.msgcount
+                )
         except SourceError:
             raise
         except Exception as error:  # noqa: BLE001 - rosbags lets through whatever a damaged file makes it stumble on
             raise SourceError("bag cannot be read", path, _short(error)) from error
-        self.types = {c.topic: str(c.msgtype) for c in self._reader.connections}
-        self.counts: dict[str, int] = {}
-        for connection in self._reader.connections:
-            self.counts[connection.topic] = self.counts.get(connection.topic, 0) + int(connection.msgcount)
         self._entries: dict[str, list[tuple[Storage, Entry]]] = {}
         self._home: dict[int, Storage] = {}
 
@@ -78,7 +78,9 @@ class Bag:
         if topic not in self._entries:
             try:
                 found = [(storage, entry) for storage in self._storages for entry in storage.entries(topic)]
-            except (OSError, EOFError, ValueError, KeyError, struct.error, sqlite3.Error) as error:
+            except SourceError:
+                raise
+            except Exception as error:  # noqa: BLE001 - as above
                 raise SourceError("index of the bag is damaged", self._path, _short(error)) from error
             if (
                 any(entry.header_ns is None for _, entry in found)
@@ -100,7 +102,10 @@ class Bag:
 
     def _stamped(self, storage: Storage, entry: Entry) -> Entry:
         """The entry with its header's stamp, for which its packed message is unpacked."""
-        data = storage.raw(entry)
+        try:
+            data = storage.raw(entry)
+        except Exception:  # noqa: BLE001 - damaged: its frame will say so
+            return entry
         stamp = cdr_stamp(data) if self._reader.is2 else ros1_stamp(data)
         return dataclasses.replace(entry, header_ns=stamp)
 

@@ -97,16 +97,20 @@ def read(
     rect_size, raw_size = (_size(tree, f"{name}_{left:02d}", where) for name in ("S_rect", "S"))
     if f"K_{left:02d}" not in tree and rect_size is None:
         rect_size, raw_size = raw_size, None
-    T = _lidar(tree, P[0], where)
+    T, notes = None, []
+    try:
+        T = _lidar(tree, P[0], where)
+    except SourceError as error:
+        notes.append(f"LiDAR is not used: {error.what}, {error.remedy}")
     stated = float(P[0][0, 3] - P[1][0, 3]) / float(P[1][0, 0]) if P[1][0, 0] > 0 else 0.0
     factor, changed = metres(stated, where)
-    notes = () if changed is None else (changed,)
     if changed is not None:
+        notes.append(changed)
         for one in P:
             one[:, 3] *= factor
     target = rectified_or_lenses(P[0], P[1], rect_size, where)
     if isinstance(target, LensPair):
-        return StereoCalibration(target, None, True, None, T, notes, "KITTI")
+        return StereoCalibration(target, None, True, None, T, tuple(notes), "KITTI")
     lenses = None
     names = [f"{name}_{number:02d}" for name in ("K", "D", "R", "T", "R_rect") for number in (left, right)]
     if all(name in tree for name in names):
@@ -114,7 +118,7 @@ def read(
         with contextlib.suppress(SourceError):
             lenses, target = _lenses(tree, (left, right), target, raw_size, where)
     raw = lenses is not None and size is not None and size == raw_size and size != rect_size
-    return StereoCalibration(lenses, target, raw, None, T, notes, "KITTI")
+    return StereoCalibration(lenses, target, raw, None, T, tuple(notes), "KITTI")
 
 
 def _size(tree: Tree, key: str, where: object) -> Size | None:
@@ -167,7 +171,12 @@ def _lidar(tree: Tree, P_left: Array, where: object) -> Array | None:
 def shifted(T_camera0_lidar: Array, P_left: Array) -> Array:
     """The LiDAR seen from the left camera of a pair, where P's last column sets that apart from camera 0."""
     T = T_camera0_lidar.copy()
-    T[:3, 3] += np.linalg.inv(P_left[:, :3]) @ P_left[:, 3]
+    try:
+        T[:3, 3] += np.linalg.inv(P_left[:, :3]) @ P_left[:, 3]
+    except np.linalg.LinAlgError:
+        raise SourceError(
+            "bad calibration of P", P_left[:, :3].tolist(), "expected [f 0 cx; 0 f cy; 0 0 1]"
+        ) from None
     return T
 
 

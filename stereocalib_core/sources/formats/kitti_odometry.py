@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import Recording
 from stereocalib_core.sources.assembly import Parts, recording, unit_of
 from stereocalib_core.sources.calibrations import Found, kitti, read_calibration
@@ -61,11 +62,16 @@ def _open(spec: Spec) -> Recording:
     pairs = match_pairs(left, right, True, known)
     poses_file, truth_file = _poses_file(folder), folder / "extrinsics_gt.csv"
     scans = scans_by_number(folder / "velodyne")
-    T = kitti.lidar_of(tree, cameras[0], calib_file) if scans else None
     notices = []
+    T = None
+    if scans:
+        try:
+            T = kitti.lidar_of(tree, cameras[0], calib_file)
+        except SourceError as error:
+            notices.append(f"LiDAR is not used: {error.what}, {error.remedy}")
     if cameras != CAMERAS[0]:
         notices.append(f"pictures of {left.name} and {right.name}")
-    if scans and T is None:
+    if scans and T is None and not any("LiDAR" in note for note in notices):
         notices.append("velodyne scans without Tr in calib.txt: left unused")
     return recording(
         Parts(

@@ -76,14 +76,14 @@ def _open(spec: Spec) -> Recording:
     scans = scans_by_number(folder / "velodyne_points" / "data")
     T_camera_lidar = None
     if scans and T_cam0_velo is not None:
-        T_camera_lidar = _seen_from(T_cam0_velo, tree, cameras[0], file)
+        T_camera_lidar = _seen_from(T_cam0_velo, tree, cameras[0], file, notices)
     elif scans:
         notices.append(f"velodyne scans without {CALIB_FILES[1]}: left unused")
     else:
         notices.append("no velodyne scans")
     if cameras != CAMERAS[0]:
         notices.append(f"pictures of image_{cameras[0]:02d} and image_{cameras[1]:02d}")
-    T_camera_imu = None if T_cam0_imu is None else _seen_from(T_cam0_imu, tree, cameras[0], file)
+    T_camera_imu = None if T_cam0_imu is None else _seen_from(T_cam0_imu, tree, cameras[0], file, notices)
     return recording(
         Parts(
             kind="kitti_raw",
@@ -145,11 +145,17 @@ def _rigid(path: Path, notices: list[str]) -> Array | None:
         return None
 
 
-def _seen_from(T_cam0_sensor: Array, tree: Tree, camera: int, where: Path | None) -> Array:
-    """The sensor seen from a camera that stands beside camera 0, as the last column of its P says."""
+def _seen_from(
+    T_cam0_sensor: Array, tree: Tree, camera: int, where: Path | None, notices: list[str]
+) -> Array | None:
+    """The sensor seen from a camera that stands beside camera 0, as the last column of its P says; None without it."""
     if camera == 0:
         return T_cam0_sensor
-    return kitti.shifted(T_cam0_sensor, kitti.projection(tree, camera, where))
+    try:
+        return kitti.shifted(T_cam0_sensor, kitti.projection(tree, camera, where))
+    except SourceError as error:
+        notices.append(f"LiDAR and OXTS are not used: {error.what}, {error.remedy}")
+        return None
 
 
 def _ground_truth(
