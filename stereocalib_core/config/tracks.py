@@ -68,6 +68,9 @@ class MotionSearchConfig:
     slow_m: float = 1.0
     fast_step_m: float = 0.2
     fast_m: float = 3.5
+    widest_m: float = 16.0
+    """Where that fails, and both pairs show a road, so far is tried in steps of `fast_step_m` [m]: drives of single
+    pairs. Physics: half of the road that is tracked is then behind the car."""
     turns_deg: tuple[float, ...] = (1.0, 2.0, 3.0)
     """Heading changes per frame that are tried, to both sides [deg]: 30 deg/s at 10 Hz."""
     factors: tuple[float, ...] = (0.5, 1.5, 2.0, 3.0, 4.0)

@@ -307,7 +307,10 @@ class Drive:
         best = self.paths.get(BEST)
         if best is not None and best.errors.path_m is None:
             share = best.errors.measured_percent or 0.0
-            found.append(f"the odometry is a gap: only {share:.0f} % of the way was measured on the road")
+            why = f" ({self.yaw_reason})" if self.yaw_reason is not None and share < 1.0 else ""
+            found.append(
+                f"the odometry is a gap: only {share:.0f} % of the way was measured on the road{why}"
+            )
         return "; ".join(found) or None
 
     def within(self, axis: str) -> bool | None:

@@ -83,3 +83,17 @@ def test_odometry_uses_smoothed_and_files_have_both(drive: Drive) -> None:
     assert np.isfinite(frames.filtered).all() and np.isfinite(frames.smoothed).all()
     assert not np.array_equal(frames.filtered, frames.smoothed)
     assert (frames.smoothed_sigma <= frames.filtered_sigma + 1e-9).mean() > 0.9
+
+
+def test_steps_too_long_for_tracks_are_said_and_are_no_standstill() -> None:
+    results = [
+        FrameResult(
+            i, 0.8 * i, RoadEstimate(Extrinsics(1.65, 0.01, 0.0), np.eye(3) * 1e-6, 9, 0.5, (4.0, 20.0))
+        )
+        for i in range(6)
+    ]
+    lost = analyse(results, CAMERA, PipelineConfig())
+    assert lost.paths["autocalibrated"].errors.path_m is None
+    assert lost.gaps == ((1, 5),)
+    assert lost.yaw_reason is not None and "5 have no tracks" in lost.yaw_reason
+    assert lost.why_not is not None and "too long" in lost.why_not

@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.experiments import height, roll
+from stereocalib_core.front.road import variants
+from stereocalib_core.front.road.estimate import estimate_road
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.simulator.plane import render_plane
 
 
 def test_roll(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,3 +37,28 @@ def test_height(tmp_path: Path) -> None:
         assert np.isfinite(report[method]["std"])
     assert "0.0875" in (tmp_path / "height.md").read_text()
     assert (tmp_path / "height-figure-3.png").stat().st_size > 10_000
+
+
+def test_the_methods_compared_are_not_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Labayrade knows no vote of eq. 12, and eq. 12 no projection; both find the roll of the same cells."""
+    pose = Extrinsics.from_degrees(1.65, 0.8, 3.0)
+    left, right = render_plane(roll.CAMERA, pose, seed=1, noise=1.5, exposure_difference=0.05)[:2]
+    config = PipelineConfig()
+    road = estimate_road(left, right, roll.CAMERA, config)
+    assert road.disparity is not None and road.free is not None
+    cells = road.disparity, road.free, roll.CAMERA, config
+
+    def not_this(*_: object) -> None:
+        raise AssertionError("the other method was asked")
+
+    with monkeypatch.context() as without_vote:
+        without_vote.setattr(variants, "fit_paper", not_this)
+        projected = variants.fit_labayrade(*cells)
+    with monkeypatch.context() as without_projections:
+        without_projections.setattr(variants, "_spread", not_this)
+        voted = variants.fit_cells(*cells)
+    letter = variants.fit_to_the_letter(*cells)
+    assert projected is not None and voted is not None and letter is not None
+    assert projected.roll_deg == pytest.approx(3.0, abs=0.02)
+    assert voted.extrinsics.roll_deg == pytest.approx(3.0, abs=0.02)
+    assert letter.roll_deg == pytest.approx(3.0, abs=0.5)

@@ -156,6 +156,8 @@ def estimate_yaw(
         return YawEstimate(None, None, reason, 0, lever.value, lever.sigma, pairs, straight)
 
     travelled = float(np.abs(distance[usable]).sum())
+    if len(tracks) > 1 and not usable.any():
+        return refuse(_unmeasured(tracks))
     if travelled < config.min_stretch_m:
         return refuse(f"the car hardly moves: {travelled:.1f} m of measured travel")
     if straight.sum() < config.min_pairs:
@@ -201,6 +203,18 @@ def estimate_yaw(
     floor = np.deg2rad(config.systematic_deg)
     sigma = float(np.sqrt(sigma**2 + by_lever**2 + floor**2))
     return YawEstimate(yaw, sigma, None, int(inlier.sum()), lever.value, lever.sigma, pairs, straight)
+
+
+def _unmeasured(tracks: PackedTracks) -> str:
+    """Why no pair of frames shows how far the car went."""
+    pairs, followed = len(tracks) - 1, tracks.previous >= 0
+    if not tracks.road_ok.any():
+        return f"no frame of {len(tracks)} shows the road"
+    few = int((followed & (tracks.road_end - tracks.start[:-1] < tracks.config.min_road_points)).sum())
+    return (
+        f"no travel was measured: of {pairs} pairs of frames {pairs - int(followed.sum())} have no tracks and {few} "
+        "too few on the road; steps of several metres from frame to frame are too long for them, so take more frames"
+    )
 
 
 def _lever(motion: Trajectory, vehicle: VehicleConfig, config: OdometryConfig) -> Measured:

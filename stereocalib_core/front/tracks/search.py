@@ -19,8 +19,10 @@ _HALF = MotionSearchConfig().half_px
 """Compiled in."""
 
 
-def speeds_m(config: MotionSearchConfig) -> list[float]:
-    """Travel per frame that is tried [m]."""
+def speeds_m(config: MotionSearchConfig, wide: bool = False) -> list[float]:
+    """Travel per frame that is tried [m]; `wide`: what lies beyond the usual."""
+    if wide:
+        return np.arange(config.fast_m, config.widest_m, config.fast_step_m).tolist()
     slow = np.arange(0.0, config.slow_m, config.slow_step_m)
     return np.concatenate([slow, np.arange(config.slow_m, config.fast_m, config.fast_step_m)]).tolist()
 
@@ -83,22 +85,23 @@ def search_motion(
     last: Array | None,
     jump: int,
     config: MotionSearchConfig | None = None,
+    wide: bool = False,
 ) -> Array:
     """(6,) motion (rotation vector [rad], translation [m] of T_current_previous) that looks best.
 
     before, after: quarter-size pictures. rays: (5, N) as in `PackedTracks`. last: (6,) motion per frame or None.
-    jump: frames between the two pictures.
+    jump: frames between the two pictures. wide: look beyond the usual steps.
     """
     config = config or MotionSearchConfig()
     road, above = np.flatnonzero(on_road), np.flatnonzero(~on_road)
     pick = np.concatenate([_thin(road, config.points // 2), _thin(above, config.points // 2)])
     chosen = np.ascontiguousarray(rays[:, pick])
-    motions = [] if last is None else [last * factor * jump for factor in (1.0, 0.0, *config.factors)]
+    motions = [] if last is None or wide else [last * factor * jump for factor in (1.0, 0.0, *config.factors)]
     # T_current_previous of a move straight ahead, turned to the right by `turn`
     motions += [
         np.array([0.0, -turn * jump, 0.0, 0.0, 0.0, -speed * jump])
         for turn in to_both_sides(config.turns_deg)
-        for speed in speeds_m(config)
+        for speed in speeds_m(config, wide)
     ]
     candidates = np.array(motions)
     scores = _scores(before, after, chosen, candidates, camera.focal_px, camera.cx_px, camera.cy_px)

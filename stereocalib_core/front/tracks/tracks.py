@@ -102,9 +102,19 @@ def _track(
     ok, agreement = np.zeros(len(corners.points), dtype=bool), 0.0
     if motion is not None:
         ok, motion, agreement = _follow(camera, state, pyramid, rays, motion, 1, config)
-    if agreement < config.min_agreement:
+    for wide in (False, True):
+        if agreement >= config.min_agreement or (wide and not (state.view.road_known and view.road_known)):
+            break
         start = search_motion(
-            state.pyramid[2], pyramid[2], rays, corners.on_road, camera, state.motion, jump, config.search
+            state.pyramid[2],
+            pyramid[2],
+            rays,
+            corners.on_road,
+            camera,
+            state.motion,
+            jump,
+            config.search,
+            wide,
         )
         retry = rays.copy()
         ok_2, motion_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2, config)
