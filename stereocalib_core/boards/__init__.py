@@ -6,22 +6,24 @@ milliseconds; `run` does both from a folder and writes the report.
 
 import numpy as np
 
+from stereocalib_core.boards.answer import Answer, judge, lines
 from stereocalib_core.boards.calibrate import calibrate, ticked_mask
 from stereocalib_core.boards.calibration import Calibration, HeldOut, PairResult
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.detect import Detection, detect
 from stereocalib_core.boards.folder import BoardFolder, open_folder
+from stereocalib_core.boards.joint import Noise
 from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.outline import overlaps
 from stereocalib_core.boards.pcd import lzf_decompress
-from stereocalib_core.boards.refine import Iteration, Noise
-from stereocalib_core.boards.run import run
+from stereocalib_core.boards.refine import Iteration
+from stereocalib_core.boards.run import NothingToSolve, files_of, run, solve
 
 __all__ = [
-    "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Noise",
-    "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect", "open_folder",
-    "run", "ticked_mask", "warm_up",
+    "Answer", "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Noise",
+    "NothingToSolve", "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect",
+    "files_of", "judge", "lines", "open_folder", "run", "solve", "ticked_mask", "warm_up",
 ]  # fmt: skip
 
 

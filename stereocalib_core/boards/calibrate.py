@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.baselines import points_on_plane, unnikrishnan_hebert
-from stereocalib_core.boards.calibration import Calibration, HeldOut, PairResult
+from stereocalib_core.boards.beams import Beams, find_beams
+from stereocalib_core.boards.calibration import Calibration, HeldOut
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.centres import Centres
+from stereocalib_core.boards.chessboard import posed_again
 from stereocalib_core.boards.consensus import FORWARD_LEFT_UP, Candidates, agree
+from stereocalib_core.boards.joint import Free, JointProblem, JointState, Noise
+from stereocalib_core.boards.noise import estimate_noise, joint_problem
 from stereocalib_core.boards.observability import (
     EDGE_ON,
     Observability,
@@ -20,30 +24,33 @@ from stereocalib_core.boards.observability import (
     observability,
 )
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
-from stereocalib_core.boards.refine import (
-    JointProblem,
-    JointState,
-    Noise,
-    Refined,
-    corner_errors,
-    plane_errors,
-    refine,
-)
+from stereocalib_core.boards.outcome import held_out, pair_results, refused_result
+from stereocalib_core.boards.refine import Refined, refine
 from stereocalib_core.boards.rotations import angle_between, rigid
+from stereocalib_core.boards.second_opinion import (
+    BoardScale,
+    Doubt,
+    covariance_with_doubt,
+    second_opinion,
+)
 from stereocalib_core.boards.solve import (
     PlanePairs,
     dual_space,
-    in_plane_offset,
     mismatch,
     mismatch_covariance,
     split_covariance,
-    weighted,
-    weights_of,
 )
-from stereocalib_core.boards.wrong_pairs import leave_one_out, wrong_pairs
-from stereocalib_core.config.boards import CONSENSUS, OBSERVABILITY, PLANE, REFINE
+from stereocalib_core.boards.variance_components import (
+    SCALE_IS_STATED,
+    block_diagonal,
+    plane_sigmas,
+    solve_with_scale,
+    with_plane_errors,
+    with_scale,
+)
+from stereocalib_core.boards.wrong_pairs import wrong_pairs
+from stereocalib_core.config.boards import BEAM, CONSENSUS, OBSERVABILITY, REFINE, VARIANCE
 from stereocalib_core.errors import SourceError
-from stereocalib_core.geometry import invert_transform
 from stereocalib_core.numeric.arrays import Array
 
 
@@ -87,27 +94,6 @@ def calibrate(
     refused |= {kept[i].name: reason for i, reason in wrong.items()}
     kept = [o for i, o in enumerate(kept) if i not in wrong]
     return _finish(observations, kept, board, camera, noise, refused, edge_on, start, with_intrinsics)
-
-
-def estimate_noise(observations: Sequence[PairObservation]) -> Noise:
-    """The sensors' sigmas from how well single pictures and single clouds fit their own board (medians)."""
-    corner = [
-        o.corner_rms_px * np.sqrt(len(o.corners) / (2 * len(o.corners) - 6))
-        for o in observations
-        if o.corners is not None
-    ]
-    spans = []
-    for o in observations:
-        if o.lidar_plane is not None and len(o.points_lidar):
-            rays = o.points_lidar / np.linalg.norm(o.points_lidar, axis=1, keepdims=True)
-            slant = np.maximum(np.abs(rays @ o.lidar_plane.plane.normal), PLANE.slant_floor)
-            spans.append(
-                float(np.sqrt(np.mean((o.lidar_plane.plane.signed_distance(o.points_lidar) / slant) ** 2)))
-            )
-    return Noise(
-        max(float(np.median(corner)) if corner else 0.0, REFINE.least_corner_sigma_px),
-        max(float(np.median(spans)) if spans else 0.0, REFINE.least_range_sigma_m),
-    )
 
 
 def _edge_on_sensor(o: PairObservation) -> str:
@@ -199,114 +185,91 @@ def _finish(
     pairs = _plane_pairs(kept)
     left_open = _open(pairs)
     linear = _dual_space(pairs, start if left_open else None)
-    better = linear if left_open else weighted(pairs, linear)[0]
-    problem = joint_problem(kept, board, camera, noise)
-    boards = np.array([o.T_camera_board for o in kept])
-    refined = refine(
-        problem, JointState(better, boards, camera), with_intrinsics and not left_open, fixed=left_open
-    )
+    doubt: Doubt | None = None
+    beams: Beams | None = None
+    if left_open:
+        scale = BoardScale(1.0, float("nan"))
+        problem = joint_problem(kept, board, camera, noise)
+        boards = np.array([o.T_camera_board for o in kept])
+        refined = refine(problem, JointState(linear, boards, camera), Free(extrinsics=False))
+        covariance = split_covariance(refined.covariance, linear)
+    else:
+        problem, refined, scale, beams = _joint(kept, board, camera, noise, linear, with_intrinsics)
+        if with_intrinsics:
+            # Planes and their noise again, as the better camera sees them.
+            kept = [posed_again(o, refined.state.camera, board) for o in kept]
+            pairs = _plane_pairs(kept)
+            problem, refined, scale, beams = _joint(
+                kept, board, refined.state.camera, noise, refined.state.T_camera_lidar, with_intrinsics
+            )
+        doubt = second_opinion(problem, refined)
     state = refined.state
-    scatter = _scatter(pairs, state.T_camera_lidar)
-    covariance = split_covariance(refined.covariance * scatter, state.T_camera_lidar)
+    uncertain = with_scale(with_plane_errors(pairs, *problem.plane_sigma), state.scale)
+    scatter = _scatter(uncertain, state.T_camera_lidar, None if beams is None else beams.shared)
+    if not left_open:
+        covariance = covariance_with_doubt(problem, refined, scatter, doubt, beams)
     verdict = observability(pairs.normals_camera, covariance, edge_on)
-    results, plane_rms, corner_rms = _pair_results(observations, kept, pairs, problem, state, refused)
+    results, plane_rms, corner_rms = pair_results(observations, kept, uncertain, problem, state, refused)
     return Calibration(
         state.T_camera_lidar, covariance, linear,
         unnikrishnan_hebert(pairs.normals_camera, pairs.offsets_camera, pairs.normals_lidar, pairs.offsets_lidar),
         points_on_plane([o.points_lidar for o in kept], pairs.normals_camera, pairs.offsets_camera),
-        results, verdict, refined.iterations, _held_out(pairs, problem, refined), plane_rms, corner_rms,
-        noise, scatter, state.camera, refined.intrinsic_sigma,
+        results, verdict, refined.iterations, held_out(uncertain, problem, state), plane_rms, corner_rms,
+        noise, scatter, state.camera, refined.intrinsic_sigma, scale, doubt, problem.plane_sigma,
+        0.0 if beams is None else beams.sigma_m,
     )  # fmt: skip
 
 
-def joint_problem(
-    kept: Sequence[PairObservation], board: BoardSpec, camera: BoardCamera, noise: Noise
-) -> JointProblem:
-    """The measurements of these pairs for `refine`; very dense boards are thinned evenly."""
-    clouds = [_thinned(o.points_lidar) for o in kept]
-    corners = [o.corners for o in kept if o.corners is not None]
-    counts = np.array([len(c) for c in clouds], dtype=np.int64)
-    return JointProblem(camera, np.array(corners), board.corners_board, np.concatenate(clouds), counts, noise)
+def _joint(
+    kept: list[PairObservation], board: BoardSpec, camera: BoardCamera, noise: Noise, start: Array,
+    with_intrinsics: bool,
+) -> tuple[JointProblem, Refined, BoardScale, Beams | None]:  # fmt: skip
+    """How far whole planes are off, the board's scale, then everything together.
+
+    The result is for the size that is stated, unless the LiDAR is sure of another.
+    """
+    pairs = _plane_pairs(kept)
+    beams = _beams_of(kept, board, camera, noise, pairs, start)
+    plane_sigma = plane_sigmas(pairs, start, shared=None if beams is None else beams.shared)
+    better, size, _ = solve_with_scale(
+        with_plane_errors(pairs, *plane_sigma), start, VARIANCE.loose_scale_sigma
+    )
+    problem = joint_problem(kept, board, camera, noise, plane_sigma, Centres.of(kept, better, size))
+    boards = np.array([o.T_camera_board for o in kept])
+    boards[:, :3, 3] *= size
+    loose = Free(True, with_intrinsics, True, VARIANCE.loose_scale_sigma)
+    sized = refine(problem, JointState(better, boards, camera, size), loose)
+    scale = BoardScale.judged(sized.state.scale, sized.scale_sigma)
+    if scale.doubted:
+        return problem, sized, scale, beams
+    boards = np.array([o.T_camera_board for o in kept])
+    stated = solve_with_scale(with_plane_errors(pairs, *plane_sigma), better, SCALE_IS_STATED)[0]
+    free = Free(True, with_intrinsics, with_intrinsics, VARIANCE.scale_sigma)
+    return problem, refine(problem, JointState(stated, boards, camera), free), scale, beams
 
 
-def _thinned(points: Array) -> Array:
-    if len(points) <= REFINE.most_points:
-        return points
-    return points[np.sort(np.random.default_rng(0).choice(len(points), REFINE.most_points, replace=False))]
+def _beams_of(
+    kept: list[PairObservation], board: BoardSpec, camera: BoardCamera, noise: Noise, pairs: PlanePairs, start: Array
+) -> Beams | None:  # fmt: skip
+    """The LiDAR's beams, if it has any to speak of and there are boards enough to tell."""
+    if len(kept) < BEAM.least_boards:
+        return None
+    problem = joint_problem(kept, board, camera, noise)
+    state = JointState(start, np.array([o.T_camera_board for o in kept]), camera)
+    return find_beams(problem, state, pairs.normals_camera)
 
 
-def _scatter(pairs: PlanePairs, T: Array) -> float:
+def _scatter(pairs: PlanePairs, T: Array, shared: Array | None) -> float:
     """Variance factor of the plane mismatches over what their covariances say; 1 unless clearly above."""
-    freedom = 3 * len(pairs) - 6
+    freedom = 3 * len(pairs) - 7
     if freedom < 3:
         return 1.0
     z, _ = mismatch(pairs, T)
-    W = weights_of(mismatch_covariance(pairs, T))
-    factor = float(np.einsum("ma,mab,mb->", z, W, z)) / freedom
-    return factor if factor > 1.0 + 2.0 * np.sqrt(2.0 / freedom) else 1.0
-
-
-def _held_out(pairs: PlanePairs, problem: JointProblem, refined: Refined) -> HeldOut:
-    """Each pair under the transform of the others."""
-    if len(pairs) < 4:
-        return HeldOut(float("nan"), float("nan"))
-    T = refined.state.T_camera_lidar
-    others = leave_one_out(pairs, T)[0]
-    # Points moved so that the common transform does to them what their own one would: one system for all.
-    own = np.repeat(invert_transform(T) @ others, problem.counts, axis=0)
-    points = np.einsum("pab,pb->pa", own[:, :3, :3], problem.points) + own[:, :3, 3]
-    in_camera = points @ T[:3, :3].T + T[:3, 3]
-    normals = np.repeat(pairs.normals_camera, problem.counts, axis=0)
-    distance = np.sum(in_camera * normals, axis=1) - np.repeat(pairs.offsets_camera, problem.counts)
-    moved = replace(problem, points=points)
-    corners = corner_errors(moved, refine(moved, refined.state, fixed=True).state)
-    return HeldOut(float(np.sqrt(np.mean(distance**2))), float(np.sqrt(np.mean(np.sum(corners**2, axis=-1)))))
-
-
-def _pair_results(
-    observations: Sequence[PairObservation],
-    kept: list[PairObservation],
-    pairs: PlanePairs,
-    problem: JointProblem,
-    state: JointState,
-    refused: dict[str, str],
-) -> tuple[tuple[PairResult, ...], float, float]:
-    T = state.T_camera_lidar
-    distance, _ = plane_errors(problem, state)
-    corner = np.sum(corner_errors(problem, state) ** 2, axis=-1)
-    owner = np.repeat(np.arange(len(kept)), problem.counts)
-    plane_rms = np.sqrt(np.bincount(owner, distance**2, len(kept)) / problem.counts)
-    index = {o.name: i for i, o in enumerate(kept)}
-    results = []
-    for o in observations:
-        if o.name in index:
-            i = index[o.name]
-            angle, offset, aside = _against(pairs.select(np.array([i])), T)
-            rms = float(np.sqrt(corner[i].mean()))
-            pose = state.T_camera_boards[i]
-            results.append(PairResult(o.name, "ok", "", float(plane_rms[i]), rms, angle, offset, aside, pose))
-        else:
-            results.append(_refused_result(o, refused.get(o.name, ""), T))
-    return tuple(results), float(np.sqrt(np.mean(distance**2))), float(np.sqrt(corner.mean()))
-
-
-def _against(pair: PlanePairs, T: Array) -> tuple[float, float, float]:
-    """Angle [deg], offset [m] and in-plane distance [m] of one board between the sensors."""
-    angle = np.rad2deg(angle_between(pair.normals_lidar @ T[:3, :3].T, pair.normals_camera))
-    return float(angle[0]), float(abs(mismatch(pair, T)[0][0, 2])), float(in_plane_offset(pair, T)[0])
-
-
-def _refused_result(o: PairObservation, reason: str, T: Array) -> PairResult:
-    """A refused pair still shows how far off it is, when both sensors saw a board."""
-    if o.camera_plane is None or o.lidar_plane is None:
-        return PairResult(o.name, "rejected", reason, reprojection_rms_px=o.corner_rms_px)
-    pair = _plane_pairs([o])
-    angle, offset, aside = _against(pair, T)
-    distance = o.camera_plane.plane.signed_distance(o.points_lidar @ T[:3, :3].T + T[:3, 3])
-    rms = float(np.sqrt(np.mean(distance**2))) if len(distance) else float("nan")
-    return PairResult(
-        o.name, "rejected", reason, rms, o.corner_rms_px, angle, offset, aside, o.T_camera_board
+    total = block_diagonal(mismatch_covariance(pairs, T)) + (0.0 if shared is None else shared)
+    factor = (
+        float(z.reshape(-1) @ np.linalg.solve(total + 1e-12 * np.eye(len(total)), z.reshape(-1))) / freedom
     )
+    return factor if factor > 1.0 + 2.0 * np.sqrt(2.0 / freedom) else 1.0
 
 
 def _nothing(
@@ -319,7 +282,7 @@ def _nothing(
     T = rigid(FORWARD_LEFT_UP, np.zeros(3))
     nan = float("nan")
     verdict: Observability = observability(np.zeros((0, 3)), np.zeros((6, 6)), edge_on)
-    results = tuple(_refused_result(o, refused.get(o.name, ""), T) for o in observations)
+    results = tuple(refused_result(o, refused.get(o.name, ""), T) for o in observations)
     return Calibration(
         T, np.eye(6), T, T, T, results, verdict, (), HeldOut(nan, nan), nan, nan,
         Noise(REFINE.least_corner_sigma_px, REFINE.least_range_sigma_m), 1.0, camera,

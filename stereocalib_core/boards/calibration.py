@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.joint import Noise
 from stereocalib_core.boards.observability import Observability
-from stereocalib_core.boards.refine import Iteration, Noise
+from stereocalib_core.boards.refine import Iteration
 from stereocalib_core.boards.rotations import roll_pitch_yaw
+from stereocalib_core.boards.second_opinion import BoardScale, Doubt
 from stereocalib_core.geometry import invert_transform, ros2_static_transform
 from stereocalib_core.numeric.arrays import Array
 
@@ -59,6 +61,9 @@ class Calibration:
     covariance: (6, 6) of the rotation vector about the camera's axes [rad] and of the translation [m].
     linear: the dual-space solution before refinement; unnikrishnan_hebert, points_on_plane: the baselines.
     scatter: how much more the planes disagree than their own noise explains; the covariance includes it.
+    scale: the boards' size in the LiDAR over the stated one. doubt: what the boards say of a camera that was given.
+    plane_sigma: how far LiDAR planes as a whole are off, tilt [rad] and offset [m], 1 sigma.
+    beam_sigma_m: range errors of the LiDAR's beams, each its own (0: none seen, or no beams).
     """
 
     T_camera_lidar: Array
@@ -75,7 +80,11 @@ class Calibration:
     noise: Noise
     scatter: float
     camera: BoardCamera
-    intrinsic_sigma: Array | None = field(default=None)
+    intrinsic_sigma: Array | None = None
+    scale: BoardScale = field(default_factory=lambda: BoardScale(1.0, float("nan")))
+    doubt: Doubt | None = None
+    plane_sigma: tuple[float, float] = (0.0, 0.0)
+    beam_sigma_m: float = 0.0
 
     @property
     def verdict(self) -> str:

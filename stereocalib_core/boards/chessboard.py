@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.camera import BoardCamera
-from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
+from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.rotations import apply_twist, skew
 from stereocalib_core.config.boards import CHESSBOARD
 from stereocalib_core.geometry import Plane, transform
@@ -34,6 +36,13 @@ def find_corners(picture: NDArray[np.uint8], board: BoardSpec) -> Array | None:
             if refined is not None and _is_grid(refined, size):
                 return order_corners(refined, board)
     return None
+
+
+def shows_pattern(picture: NDArray[np.uint8], size: tuple[int, int]) -> bool:
+    """A quick look at reduced size: whether a pattern of (columns, rows) inner corners is seen at once."""
+    factor = max(1, round(picture.shape[1] / CHESSBOARD.search_width_px))
+    found = _sector_based(picture if factor == 1 else _shrink(picture, factor), size, thorough=False)
+    return found is not None and _is_grid(found, size)
 
 
 def _shrink(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
@@ -201,3 +210,12 @@ def plane_of_board(T_camera_board: Array, covariance: Array) -> PlaneEstimate:
     J[:3, :3] = -skew(normal)
     J[3, 3:] = normal
     return PlaneEstimate(Plane(normal, float(normal @ center)), center, J @ covariance @ J.T)
+
+
+def posed_again(observation: PairObservation, camera: BoardCamera, board: BoardSpec) -> PairObservation:
+    """The same corners as another camera sees them: pose and plane anew, or unchanged where no pose fits."""
+    if observation.corners is None or (posed := board_pose(camera, observation.corners, board)) is None:
+        return observation
+    T, covariance, rms = posed
+    plane = plane_of_board(T, covariance * max(rms, CHESSBOARD.least_rms_px) ** 2)
+    return replace(observation, T_camera_board=T, camera_plane=plane, corner_rms_px=rms)

@@ -24,6 +24,8 @@ FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
 class Candidates:
     """All candidates of all pairs, flat. pair: (F,) index of the pair; score: (F,) 0...1.
 
+    cloud: (F,) index of the cloud where that is in question; one cloud is then one picture's.
+
     centers_*, normals_*: (F, 3), the board in the camera (repeated) and each place in the cloud.
     """
 
@@ -33,6 +35,7 @@ class Candidates:
     centers_lidar: Array
     normals_lidar: Array
     score: Array
+    cloud: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,8 @@ def _fitting_couples(c: Candidates, tolerance_m: float) -> tuple[NDArray[np.int6
     """Indices (P,), (P,) of candidates of different pairs whose mutual geometry is the same in both sensors."""
     i, j = np.triu_indices(len(c.pair), 1)
     different = c.pair[i] != c.pair[j]
+    if c.cloud is not None:
+        different &= c.cloud[i] != c.cloud[j]
     i, j = i[different], j[different]
     step_c, step_l = c.centers_camera[j] - c.centers_camera[i], c.centers_lidar[j] - c.centers_lidar[i]
     fits = np.abs(np.linalg.norm(step_c, axis=1) - np.linalg.norm(step_l, axis=1)) < tolerance_m

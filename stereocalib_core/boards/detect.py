@@ -27,6 +27,7 @@ from stereocalib_core.boards.folder import BoardFolder, read_picture
 from stereocalib_core.boards.intrinsics import estimate_camera
 from stereocalib_core.boards.observability import edge_on_words
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
+from stereocalib_core.boards.pattern import true_pattern
 from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.config.boards import CHESSBOARD, CLOUD_SEARCH, CONSENSUS
 from stereocalib_core.errors import SourceError
@@ -41,12 +42,23 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Detection:
-    """All observations of a folder, the board, and the camera (given or estimated; rms [px] when estimated)."""
+    """All observations of a folder, the board, and the camera (given or estimated; rms [px] when estimated).
+
+    notes: what was read otherwise than it was written. candidates: every board-like place of each pair's cloud.
+    """
 
     board: BoardSpec
     camera: BoardCamera
     observations: tuple[PairObservation, ...]
     estimated_rms_px: float | None = None
+    notes: tuple[str, ...] = ()
+    candidates: tuple[tuple[BoardCandidate, ...], ...] = ()
+    source: object = "boards"
+
+    @property
+    def camera_is_estimated(self) -> bool:
+        """Whether the camera comes from these very pictures."""
+        return self.estimated_rms_px is not None
 
 
 @dataclass(frozen=True)
@@ -62,6 +74,7 @@ def detect(folder: BoardFolder, progress: Progress | None = None) -> Detection:
     A pair in which it cannot be found stays in the list with `status` "rejected" and its reason. Raises
     SourceError when no camera can be estimated. `progress` gets (stage, done, total).
     """
+    folder, notes = _with_true_pattern(folder)
     loaded = in_parallel(lambda name: _load(name, folder), list(folder.names), "reading pairs", progress)
     camera, rms = folder.camera, None
     if camera is None:
@@ -69,7 +82,26 @@ def detect(folder: BoardFolder, progress: Progress | None = None) -> Detection:
     posed = [_pose(each, camera, folder.board) for each in loaded]
     found = in_parallel(lambda each: _search(each, folder), posed, "searching boards in clouds", progress)
     observations = _choose(posed, found, folder.board, progress)
-    return Detection(folder.board, camera, tuple(observations), rms)
+    places = tuple(tuple(candidates) for candidates in found)
+    return Detection(
+        folder.board, camera, tuple(observations), rms, (*folder.notes, *notes), places, folder.path
+    )
+
+
+def _with_true_pattern(folder: BoardFolder) -> tuple[BoardFolder, tuple[str, ...]]:
+    """The folder with the pattern that its pictures show, and what to say when that is another one."""
+    names = [n for n in folder.names if n in folder.images]
+    chosen = [
+        names[i] for i in np.unique(np.linspace(0, len(names) - 1, CHESSBOARD.sampled_pictures).astype(int))
+    ]
+    pictures = []
+    for name in chosen if names else []:
+        try:
+            pictures.append(read_picture(folder.images[name], folder.camera))
+        except SourceError:
+            continue  # named with its reason when its turn comes
+    board, note = true_pattern(pictures, folder.board)
+    return (replace(folder, board=board), (note,)) if note else (folder, ())
 
 
 def in_parallel(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.system.yaml_file import read_mapping
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class BoardFolder:
 
     names: every NAME found, sorted. images, clouds: NAME to file; a name may be missing in one of them.
     camera: None when it is to be estimated. cropped: whether clouds hold the board only.
+    notes: what was read otherwise than it was named.
     """
 
     path: Path
@@ -34,6 +36,7 @@ class BoardFolder:
     board: BoardSpec
     camera: BoardCamera | None
     cropped: bool
+    notes: tuple[str, ...] = ()
 
 
 def open_folder(
@@ -51,6 +54,7 @@ def open_folder(
             )
     images = _by_name(path / "images", PICTURE_SUFFIXES)
     clouds = _by_name(cloud_dir, SUFFIXES)
+    clouds, notes = _paired_by_number(images, clouds)
     names = sorted(set(images) | set(clouds))
     if not names:
         raise SourceError(
@@ -70,7 +74,35 @@ def open_folder(
         load_board(path / "board.yaml"),
         load_camera(path / "camera.yaml"),
         cropped,
+        notes,
     )
+
+
+def _paired_by_number(
+    images: dict[str, Path], clouds: dict[str, Path]
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Clouds under the names of the pictures that end in the same number, where no name is the same."""
+    lone_images, lone_clouds = sorted(set(images) - set(clouds)), sorted(set(clouds) - set(images))
+    by_number: dict[int, list[str]] = {}
+    for name in lone_clouds:
+        if (number := _last_number(name)) is not None:
+            by_number.setdefault(number, []).append(name)
+    numbers = [_last_number(name) for name in lone_images]
+    renamed = {}
+    for name, number in zip(lone_images, numbers, strict=True):
+        if number is not None and numbers.count(number) == 1 and len(by_number.get(number, [])) == 1:
+            renamed[by_number[number][0]] = name
+    if not renamed:
+        return clouds, ()
+    first, own = next(iter(renamed.items()))
+    paired = {renamed.get(name, name): path for name, path in clouds.items()}
+    told = f"pictures and clouds pair up by the number at their end, {own} with {first} and so on"
+    return paired, (f"{told} ({len(renamed)} pairs)",)
+
+
+def _last_number(name: str) -> int | None:
+    found = re.search(r"(\d{1,18})\D*$", name)
+    return int(found.group(1)) if found else None
 
 
 def _by_name(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
@@ -94,9 +126,9 @@ def load_board(path: Path) -> BoardSpec:
         return BoardSpec(
             _whole(values["columns"]),
             _whole(values["rows"]),
-            float(values["square_m"]),
-            float(values.get("width_m") or 0.0),
-            float(values.get("height_m") or 0.0),
+            _number(values["square_m"]),
+            _number(values.get("width_m") or 0.0),
+            _number(values.get("height_m") or 0.0),
         )
     except KeyError as error:
         raise ConfigError(
@@ -104,6 +136,11 @@ def load_board(path: Path) -> BoardSpec:
         ) from error
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError("board has a value that is no number", path, str(error)[:120]) from error
+
+
+def _number(value: Any) -> float:
+    """A number, also one written with a decimal comma."""
+    return float(value.replace(",", ".") if isinstance(value, str) else value)
 
 
 def _whole(value: Any) -> int:

@@ -59,7 +59,7 @@ def _parse_header(raw: bytes, path: Path) -> Header:
         if line:
             words[line[0].upper()] = line[1:]
     try:
-        names = tuple(words.get("FIELDS") or words["COLUMNS"])
+        names = tuple(_lower_axes(words.get("FIELDS") or words["COLUMNS"]))
         sizes = [int(s) for s in words["SIZE"]]
         counts = tuple(int(c) for c in words.get("COUNT", ["1"] * len(names)))
         types = tuple(TYPES[kind.upper(), size] for kind, size in zip(words["TYPE"], sizes, strict=True))
@@ -77,6 +77,11 @@ def _parse_header(raw: bytes, path: Path) -> Header:
         if axis not in names or counts[names.index(axis)] != 1:
             raise SourceError("cloud has no x, y, z", path, f"fields are {' '.join(names)[:120]}")
     return Header(names, types, counts, points, data, start)
+
+
+def _lower_axes(names: list[str]) -> list[str]:
+    """X, Y, Z as x, y, z; every other field keeps its name."""
+    return [name.lower() if name in ("X", "Y", "Z") else name for name in names]
 
 
 def _cut_off(path: Path, found: int, claimed: int) -> SourceError:

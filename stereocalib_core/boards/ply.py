@@ -62,7 +62,8 @@ def _parse_header(text: str, path: Path) -> tuple[str, int, list[tuple[str, str]
                     )
                 count = int(words[2]) if element == "vertex" else count
             elif words[0] == "property" and element == "vertex":
-                properties.append((words[2], TYPES[words[1]]))
+                name = words[2].lower() if words[2] in ("X", "Y", "Z") else words[2]
+                properties.append((name, TYPES[words[1]]))
     except (IndexError, KeyError, ValueError) as error:
         raise SourceError("PLY header is damaged", path, f"{type(error).__name__} {error}") from error
     if kind not in ORDERS or count < 0 or not properties:

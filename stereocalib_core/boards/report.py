@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stereocalib_core.boards.answer import Answer
 from stereocalib_core.boards.calibration import Calibration
+from stereocalib_core.boards.detect import Detection
+from stereocalib_core.boards.findings import Finding
+from stereocalib_core.boards.next_pose import NextPose
 from stereocalib_core.system.whole_file import plain, write_json
 
 
-def to_dict(result: Calibration, estimated_rms_px: float | None = None) -> dict[str, Any]:
+def to_dict(
+    result: Calibration, estimated_rms_px: float | None = None, answer: Answer | None = None
+) -> dict[str, Any]:
     """Everything a reader needs, in the documented form; what is not a number becomes null.
 
     sigma_rotation_deg is about the camera's x, y, z axes (roll, pitch, yaw of a LiDAR that looks along a
@@ -72,13 +79,81 @@ def to_dict(result: Calibration, estimated_rms_px: float | None = None) -> dict[
             "range_sigma_m": result.noise.range_m,
             "kappa_px_per_m": result.noise.kappa,
             "scatter": result.scatter,
+            "plane_tilt_sigma_deg": np.rad2deg(result.plane_sigma[0]),
+            "plane_offset_sigma_m": result.plane_sigma[1],
+            "beam_sigma_m": result.beam_sigma_m,
         },
+        "board_scale": {"value": result.scale.value, "sigma": result.scale.sigma},
+        "intrinsics": None
+        if result.intrinsic_sigma is None
+        else {"K": result.camera.K, "D": result.camera.D, "sigma": result.intrinsic_sigma},
+        "causes": [] if answer is None else [_finding(f) for f in answer.findings],
+        "notes": [] if answer is None else list(answer.found.notes),
+        "next_pose": None if answer is None or answer.pose is None else _pose(answer.pose, result),
         "camera": camera,
         "ros2_static_transform": result.ros2_static_transform(),
     }
     return plain(values)
 
 
-def write(result: Calibration, path: Path, estimated_rms_px: float | None = None) -> None:
-    """Write `calibration.json`."""
-    write_json(path, to_dict(result, estimated_rms_px))
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {"cause": finding.cause, "remedy": finding.remedy, "spoils": finding.spoils}
+
+
+def _pose(pose: NextPose, result: Calibration) -> dict[str, Any]:
+    return {
+        "words": pose.words(),
+        "T_camera_board": pose.T_camera_board,
+        "T_lidar_board": result.T_lidar_camera @ pose.T_camera_board,
+        "distance_m": pose.distance_m,
+        "tilt_deg": np.rad2deg(pose.tilt_rad),
+        "place_px": pose.place_px,
+        "sigma_rotation_deg": np.rad2deg(pose.sigma_after[:3]),
+        "sigma_translation_m": pose.sigma_after[3:],
+    }
+
+
+def write(
+    result: Calibration, path: Path, estimated_rms_px: float | None = None, answer: Answer | None = None
+) -> None:
+    """Write `calibration.json`; with its `answer` also causes, notes and the pose to add."""
+    write_json(path, to_dict(result, estimated_rms_px, answer))
+
+
+def write_refusals(found: Detection, said: Sequence[Finding], error: str, path: Path) -> None:
+    """`calibration.json` of a set that cannot be solved: the documented keys without numbers, and every reason."""
+    nothing: tuple[str, ...] = ("T_camera_lidar", "T_lidar_camera", "translation_m", "rotation_rpy_deg")
+    nothing += (
+        "sigma_translation_m",
+        "sigma_rotation_deg",
+        "linear",
+        "baselines",
+        "reprojection_rms_px",
+        "plane_rms_m",
+        "held_out",
+    )
+    pairs = [
+        {
+            "name": o.name,
+            "status": "rejected",
+            "reason": o.reason,
+            "plane_rms_m": None,
+            "reprojection_rms_px": o.corner_rms_px,
+            "normal_error_deg": None,
+        }
+        for o in found.observations
+    ]
+    values: dict[str, Any] = dict.fromkeys((*nothing, "board_scale", "intrinsics", "ros2_static_transform"))
+    values |= {
+        "error": error,
+        "pairs": pairs,
+        "observability": {
+            "singular_values": None,
+            "verdict": "degenerate",
+            "why": str(said[0]) if said else error,
+        },
+        "iterations": [],
+        "causes": [_finding(f) for f in said],
+        "notes": list(found.notes),
+    }
+    write_json(path, plain(values))

@@ -83,3 +83,11 @@ def rigid(rotation: Array, translation: Array) -> Array:
     result = np.zeros((*rotation.shape[:-2], 4, 4))
     result[..., :3, :3], result[..., :3, 3], result[..., 3, 3] = rotation, translation, 1.0
     return result
+
+
+def rotation_vector(R: Array) -> Array:
+    """(3, 3) rotation to its vector [rad], the inverse of `rotation_from_vector` for turns below pi."""
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
+    return axis * (angle / sine if sine > 1e-12 else 1.0)

@@ -171,6 +171,12 @@ def in_plane_offset(pairs: PlanePairs, T_camera_lidar: Array) -> Array:
 
 def split_covariance(covariance: Array, T_camera_lidar: Array) -> Array:
     """(6, 6) of a left twist to (6, 6) of the rotation vector about the camera's axes [rad] and of t itself [m]."""
-    J = np.eye(6)
-    J[3:, :3] = -skew(T_camera_lidar[:3, 3])
+    J = split_jacobian(T_camera_lidar)
     return np.asarray(J @ covariance @ J.T)
+
+
+def split_jacobian(T_camera_lidar: Array) -> Array:
+    """(6, 6) derivative of the rotation vector and of t itself by a left twist."""
+    J: Array = np.eye(6)
+    J[3:, :3] = -skew(T_camera_lidar[:3, 3])
+    return J

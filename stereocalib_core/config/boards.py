@@ -31,6 +31,9 @@ class ChessboardConfig:
     """The mirrored solution of a planar pose is tried when it misses by less than so many times the first."""
     least_rms_px: float = 0.05
     """Covariance of a pose never claims better corners: the best sub-pixel detectors reach this (Duda & Frese 2018)."""
+    sampled_pictures: int = 4
+    least_agreeing_share: float = 0.5
+    """Pictures looked at first for the named pattern, and the share that must show another before it is believed."""
     worst_rms_px: float = 3.0
     """Corners that miss the board by more belong to another lens or another board."""
 
@@ -205,9 +208,119 @@ class RefineConfig:
     """Relative gain below which the iteration ends."""
     most_points: int = 1500
     """Points of one board: more do not help, what is left is common to all of them."""
-    least_corner_sigma_px: float = 0.02
+    least_corner_sigma_px: float = 0.05
     least_range_sigma_m: float = 0.001
-    """No detector and no LiDAR is better: keeps perfect data finite."""
+    """No detector is better (Duda & Frese 2018) once its own bias counts, and no LiDAR: what repeats within a picture
+    does not average out."""
+    plane_sigma_floor_rad: float = 1e-6
+    plane_sigma_floor_m: float = 1e-6
+    """A plane whose whole error is thought to be none is held this closely: keeps weights finite."""
+
+
+@dataclass(frozen=True)
+class VarianceConfig:
+    """How far LiDAR planes as a whole are off, and the board's scale."""
+
+    least_boards: int = 5
+    """Fifteen mismatches less six of the transform and one of the scale: fewer boards show no variance."""
+    first_tilt_rad: float = math.radians(0.3)
+    first_offset_m: float = 0.003
+    """Where the scoring begins: beams that are off by 1 cm over a board of 0.6 m."""
+    rounds: int = 30
+    settled: float = 1e-3
+    solve_rounds: int = 4
+    loose_scale_sigma: float = 0.1
+    """Share; while the variances are sought the printed square may be anything."""
+    scale_sigma: float = 0.003
+    """Share; a printed square measured by ruler over several squares: 0.3 mm of 95 mm."""
+
+
+@dataclass(frozen=True)
+class FindingConfig:
+    """Causes that most pairs have in common."""
+
+    most_refused: float = 0.5
+    """Share of the pairs: beyond it the set as a whole is wrong, not a pair."""
+    least_pictures: int = 4
+    """As many as it takes to estimate a camera and to hold one pair against the others."""
+    fair_rms_px: float = 0.5
+    """Corners of a sound camera miss by less, blurred ones included."""
+    clearly_worse: float = 3.0
+    """Times the rms of a camera that was estimated from the same corners."""
+    same_scale: float = 0.01
+    """Share; picture sizes are rounded to whole pixels."""
+    same_centre: float = 0.1
+    other_size: float = 0.15
+    """Logarithms: a lens' centre lies within 5 % of the middle; the next usual size differs by 20 %."""
+    same_focal: float = 0.12
+    """Logarithm; a focal length estimated from ten boards is good to 5 %."""
+    places_per_cloud: int = 3
+    """Time: every place is tried with every picture."""
+    least_covered: float = 0.25
+    """Share of the picture that corners must span to tell a lens; less leaves focal length and centre to luck."""
+    least_lens_pictures: int = 8
+    """Zhang (2000) finds errors settle at eight to ten pictures."""
+
+
+@dataclass(frozen=True)
+class NextPoseConfig:
+    """The grid of poses among which the board to add is looked for."""
+
+    places: tuple[float, ...] = (0.2, 0.5, 0.8)
+    """Shares of the picture's width and height."""
+    tilts_rad: tuple[float, ...] = (0.0, math.radians(20.0), math.radians(40.0))
+    """Beyond 40 degrees corners get hard to find (Atcheson et al. 2010, figure 5)."""
+    directions: int = 8
+    margin_share: float = 0.01
+    least_incidence: float = 0.4
+    """Cosine: flatter boards show too few rings and blurred corners."""
+    beyond_rad: float = math.radians(4.0)
+    """How far above and below the boards of this set a LiDAR is thought to see: two rings of the sparsest."""
+    least_tilt_rad: float = math.radians(0.1)
+    least_offset_m: float = 0.001
+    rest_weight: float = 0.02
+    """Of the other sigmas in the choice: it decides between poses that mend the worst one alike."""
+
+
+@dataclass(frozen=True)
+class BeamConfig:
+    """Beams of a spinning LiDAR, told apart by their elevation."""
+
+    least_gap_rad: float = 0.0015
+    """Beams of the densest spinning LiDARs stand 0.17 degrees (0.003 rad) apart; within one the encoder's rounding."""
+    least_beams: int = 4
+    most_beams: int = 128
+    most_width_share: float = 0.3
+    """Elevations of one beam spread less than this of the gap, or there are no beams to speak of."""
+    least_points: int = 5
+    least_boards: int = 4
+    """Rows of fewer points, and sets of fewer boards, say nothing of a beam."""
+    rounds: int = 60
+
+
+@dataclass(frozen=True)
+class CentresConfig:
+    """The outline's centre in the cloud against the pattern's in the picture."""
+
+    shared_m: float = 0.010
+    """How far a pattern is printed or glued beside the middle of its board: a hand's care."""
+    usual_own_m: float = 0.030
+    least_own_m: float = 0.005
+    """One outline: half the spacing of a VLP-16's rings at 2 m where few boards show no scatter; never below the
+    footprint of a beam."""
+    least_boards: int = 5
+
+
+@dataclass(frozen=True)
+class SecondOpinionConfig:
+    """What the boards say of the camera and of their own size, against what the files claim."""
+
+    least_boards: int = 6
+    """A lens of eight numbers and seven of the transform want 15 numbers beyond the poses: two a board and more."""
+    chance: float = 1e-3
+    """A sound file is doubted this rarely."""
+    certain_sigmas: float = 3.0
+    """A square is called wrong beyond so many sigmas, its own and the ruler's together."""
 
 
 @dataclass(frozen=True)
@@ -267,9 +380,9 @@ class IntrinsicsConfig:
     """Zhang's method needs three views."""
     pictures_for_lens: int = 10
     """Fewer do not tell a fisheye from a pinhole with k3."""
-    good_rms_px: float = 0.6
-    """A lens model that follows the lens reaches this; beyond it others are tried."""
     worst_rms_px: float = 5.0
+    """A lens that is followed no better than this is none that is known here."""
+    most_rounds: int = 60
 
 
 @dataclass(frozen=True)
@@ -280,6 +393,12 @@ class CloudFileConfig:
     nearest_m: float = 0.05
     farthest_m: float = 1000.0
     """Returns nearer than a lens cap or farther than any LiDAR sees are none."""
+    farthest_usual_m: float = 300.0
+    """Median distance of a scene with a board in it: beyond the reach of LiDARs it is millimetres, or a map."""
+    clearly_better: float = 3.0
+    """Of binary files: how much nearer neighbours must lie for another record than KITTI's to be believed."""
+    absurd: float = 1e7
+    """Larger numbers of a binary file are none, in metres or millimetres."""
     largest_file_bytes: int = 4 << 30
     longest_header_bytes: int = 64 * 1024
     largest_unpacked_bytes: int = 1 << 31
@@ -303,6 +422,12 @@ CONSENSUS = ConsensusConfig()
 PLANE = PlaneConfig()
 REFINE = RefineConfig()
 SOLVE = SolveConfig()
+VARIANCE = VarianceConfig()
+SECOND_OPINION = SecondOpinionConfig()
+CENTRES = CentresConfig()
+FINDING = FindingConfig()
+NEXT_POSE = NextPoseConfig()
+BEAM = BeamConfig()
 WRONG_PAIR = WrongPairConfig()
 OBSERVABILITY = ObservabilityConfig()
 INTRINSICS = IntrinsicsConfig()

@@ -94,7 +94,7 @@ def test_unusable_pairs_are_named_and_the_rest_goes_on(tmp_path: Path) -> None:
     (folder / "images" / "pair03.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"0" * 50)
     out = tmp_path / "out"
     out.mkdir()
-    result = run(folder, out, None, None, False)
+    result = run(folder, out, None, None, False).calibration
     reasons = {p.name: p.reason for p in result.pairs if not p.ok}
     assert set(reasons) == {"pair00", "pair01", "pair02", "pair03", "other"}
     assert "cut off" in reasons["pair00"]

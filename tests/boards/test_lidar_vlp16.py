@@ -95,7 +95,7 @@ def test_swapped_clouds_are_named_from_the_files(folder: Path, reference: Array,
         (mixed / "clouds" / f"{name}.pcd").symlink_to(folder / "clouds" / f"{swap.get(name, name)}.pcd")
     out = tmp_path / "out"
     out.mkdir()
-    result = run(mixed, out)
+    result = run(mixed, out).calibration
     refused = {p.name: p.reason for p in result.pairs if not p.ok}
     assert set(refused) == {"pose07", "pose21"}
     assert "wrong pair" in refused["pose07"]

@@ -108,6 +108,18 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _kappa(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1e-6 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is neither auto nor a positive number")
+    return value
+
+
 def _frame(text: str) -> int:
     if not text.isdecimal() or len(text) > 9:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no frame")
@@ -357,6 +369,34 @@ def _add_lidar(add: object) -> None:
     lidar.add_argument(
         "--cropped", action="store_true", help="take clouds_cropped/, the board cut out already"
     )
+    lidar.add_argument(
+        "--intrinsics",
+        choices=("fixed", "refine"),
+        default="fixed",
+        help="fixed: K and D of camera.yaml are held (default); refine: found together with the rest",
+    )
+    lidar.add_argument(
+        "--kappa",
+        type=_kappa,
+        default=None,
+        metavar="auto|NUMBER",
+        help="weight of LiDAR points against corners [px/m]; auto: by the noise of both (default)",
+    )
+    lidar.add_argument(
+        "--accept",
+        type=_positive,
+        metavar="N",
+        help="trust a result on which N pairs agree, even where most pairs are refused",
+    )
+    synth = add(  # type: ignore[operator]
+        "synth-boards",
+        "write rendered pictures and clouds of chessboards, with their truth",
+        "stereocalib synth-boards --out boards && stereocalib lidar-camera boards --out c",
+    )
+    _add_out(synth)
+    synth.add_argument("--pairs", type=_positive, default=12, metavar="N", help="how many (12)")
+    synth.add_argument("--seed", type=_frame, default=0, metavar="N", help="random seed (0)")
+    synth.add_argument("--estimate", action="store_true", help="camera.yaml says model: estimate")
     view = add(  # type: ignore[operator]
         "view-lidar", "open the app on a set of chessboard poses", "stereocalib view-lidar boards"
     )

@@ -197,15 +197,51 @@ def lidar_camera(arguments: argparse.Namespace) -> str | None:
 
     _need_folder(arguments.folder)
     package = importlib.import_module("stereocalib_core.boards")
-    owned = ("calibration.json", "overlay_*.png", "boards.png", "iterations.png", "residuals.png")
+    owned = (
+        "calibration.json",
+        "report.md",
+        "overlay_*.png",
+        "boards.png",
+        "iterations.png",
+        "residuals.png",
+    )
+    nothing: SourceError | None = None
     with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
         stages = None if progress is None else lambda what, done, total: progress(done, total, what)
-        result = package.run(
-            arguments.folder, out, arguments.pairs, arguments.exclude, arguments.cropped, stages
-        )
-    print(f"{arguments.out}/calibration.json")
-    degenerate = result.observability.verdict == "degenerate"
-    return str(result.observability.why) if degenerate else None
+        try:
+            answer = package.run(
+                arguments.folder,
+                out,
+                arguments.pairs,
+                arguments.exclude,
+                arguments.cropped,
+                stages,
+                with_intrinsics=arguments.intrinsics == "refine",
+                kappa=arguments.kappa,
+                accept=arguments.accept,
+            )
+        except package.NothingToSolve as error:
+            nothing = error  # the reasons are in the folder, which must stay
+    if nothing is not None:
+        raise nothing
+    print("\n".join(package.lines(answer, package.files_of(arguments.out))))
+    return None if answer.trusted else f"{answer.calibration.verdict}: {answer.why}"
+
+
+def synth_boards(arguments: argparse.Namespace) -> str | None:
+    """Rendered pictures and clouds of boards, with their truth."""
+    from stereocalib_core.files.output_folder import new_output
+
+    module = importlib.import_module("stereocalib_core.boards.synth")
+    settings = module.SynthSettings(
+        arguments.pairs, arguments.seed, camera_as="estimate" if arguments.estimate else "pinhole"
+    )
+    owned = ("images", "clouds", "camera.yaml", "board.yaml", "truth.json")
+    with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
+        stages = None if progress is None else lambda what, done, total: progress(done, total, what)
+        module.write_set(out, settings, stages)
+    print(f"{arguments.out}: {arguments.pairs} pairs and truth.json")
+    return None
 
 
 def view_lidar(arguments: argparse.Namespace) -> str | None:
@@ -272,6 +308,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], str | None]] = {
     "experiments": experiments,
     "lidar-camera": lidar_camera,
     "view-lidar": view_lidar,
+    "synth-boards": synth_boards,
     "batch": batch,
     "calibration": calibration,
 }

@@ -1,0 +1,162 @@
+"""Beams with a range error of their own: how large it is, and what it does to the transform.
+
+Every beam of a spinning LiDAR has its own laser, detector and delay. What one reads too far it reads too far on every
+board, so more boards do not remove it. Bent rows show how large such errors are; a part that looks like a tilt of all
+boards shows nowhere, and is carried into the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.boards.joint import (
+    Free,
+    JointProblem,
+    JointState,
+    beam_columns,
+    board_moments,
+    linearise,
+    plane_distances,
+)
+from stereocalib_core.boards.planes import tangent_basis
+from stereocalib_core.boards.solve import covariance_of
+from stereocalib_core.config.boards import BEAM
+from stereocalib_core.numeric.arrays import Array
+
+
+@dataclass(frozen=True)
+class Beams:
+    """owner: (P,) the beam of each point of a problem; count of beams; sigma_m: 1 sigma of their own range errors.
+
+    shared: (3 M, 3 M) covariance that they give to the boards' mismatches (`solve.mismatch`), in common.
+    """
+
+    owner: NDArray[np.int64]
+    count: int
+    sigma_m: float
+    shared: Array
+
+
+def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) -> Beams | None:
+    """The beams that the points' elevations show, and the spread of their range errors; None for other LiDARs."""
+    owner = beams_of(problem.rays)
+    if owner is None:
+        return None
+    count = int(owner.max()) + 1
+    sigma = _beam_sigma(problem, state, owner, count)
+    response = _plane_response(problem, state, owner, count, normals_camera)
+    return Beams(owner, count, sigma, sigma**2 * response @ response.T)
+
+
+def beams_of(rays: Array) -> NDArray[np.int64] | None:
+    """(P, 3) unit rays to the (P,) beam of each, by elevations that stand clearly apart; None when they do not."""
+    elevation = np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
+    order = np.argsort(elevation, kind="stable")
+    sorted_up = elevation[order]
+    breaks = np.flatnonzero(np.diff(sorted_up) > BEAM.least_gap_rad)
+    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(sorted_up) - 1]])
+    if not BEAM.least_beams <= len(starts) <= BEAM.most_beams:
+        return None
+    width = sorted_up[ends] - sorted_up[starts]
+    gaps = np.diff((sorted_up[starts] + sorted_up[ends]) / 2)
+    if float(np.quantile(width, 0.9)) > BEAM.most_width_share * float(np.median(gaps)):
+        return None
+    owner = np.empty(len(rays), dtype=np.int64)
+    owner[order] = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    return owner
+
+
+def _beam_sigma(problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int) -> float:
+    """Spread of the beams' errors: each row of a board against the board's plane, planes left free.
+
+    A row's mean is a * (1, x, y) of its board plus its beam's error plus noise; the errors' variance is that of
+    largest likelihood (expectation and maximisation).
+    """
+    rows = _rows(problem, state, owner, count)
+    if rows is None:
+        return 0.0
+    board, beam, places, means = rows
+    boards = len(problem.counts)
+    A, c, left = np.zeros((count, count)), np.zeros(count), 0.0
+    freedom = 0
+    for i in range(boards):
+        mine = board == i
+        if mine.sum() <= 3:
+            continue
+        q = places[mine]
+        project = np.eye(len(q)) - q @ np.linalg.pinv(q)
+        Z = np.zeros((len(q), count))
+        Z[np.arange(len(q)), beam[mine]] = 1.0
+        A += Z.T @ project @ Z
+        c += Z.T @ project @ means[mine]
+        left += float(means[mine] @ project @ means[mine])
+        freedom += len(q) - 3
+    seen = np.diag(A) > 0
+    if freedom <= int(seen.sum()):
+        return 0.0
+    A, c, K = A[np.ix_(seen, seen)], c[seen], int(seen.sum())
+    variance, noise = left / freedom / 2, left / freedom / 2
+    for _ in range(BEAM.rounds):
+        B = np.linalg.inv(A / noise + np.eye(K) / variance)
+        b = B @ c / noise
+        variance = max(float(b @ b + np.trace(B)) / K, 1e-12)
+        rest = left - 2 * float(b @ c) + float(b @ A @ b) + float(np.trace(A @ B))
+        noise = max(rest / freedom, 1e-12)
+    return float(np.sqrt(variance))
+
+
+def _rows(
+    problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
+    """Board, beam, mean (1, x, y) and mean range error [m] of every row of a board with enough points."""
+    along, miss = beam_columns(problem, state)
+    cell = problem.owner * count + owner
+    size = np.bincount(cell, minlength=len(problem.counts) * count)
+    used = np.flatnonzero(size >= BEAM.least_points)
+    if not len(used):
+        return None
+
+    def mean(values: Array) -> Array:
+        return np.bincount(cell, values, len(size))[used] / size[used]
+
+    places = np.column_stack([np.ones(len(used)), mean(along[:, 0]), mean(along[:, 1])])
+    return used // count, used % count, places, mean(miss)
+
+
+def covariance_of_beams(problem: JointProblem, state: JointState, beams: Beams, free: Free) -> Array:
+    """(6, 6) covariance of the extrinsics' left twist that the beams' own errors add to a solution without them."""
+    system = linearise(problem, state, free)
+    inverse = np.linalg.inv(system.H_bb)
+    pulls = board_moments(problem, state, beams.owner, beams.count)
+    toward = np.zeros((len(system.g_g), beams.count))
+    toward[:6] = -pulls[:, :6].sum(axis=0)
+    toward -= np.einsum("mgb,mbc,mck->gk", system.H_gb, inverse, pulls)
+    moved = covariance_of(system.reduced())[:6] @ toward
+    return np.asarray(beams.sigma_m**2 * moved @ moved.T)
+
+
+def _plane_response(
+    problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int, normals_camera: Array
+) -> Array:
+    """(3 M, K) what a unit range error of each beam does to `solve.mismatch` of each board: two tilts, one offset."""
+    along, _ = beam_columns(problem, state)
+    q = np.column_stack([np.ones(len(along)), along])
+    boards = len(problem.counts)
+    squares = (q[:, :, None] * q[:, None, :]).reshape(-1, 9)
+    S = np.add.reduceat(squares, problem.starts, axis=0).reshape(-1, 3, 3)
+    cell = problem.owner * count + owner
+    # A range longer by one metre moves its point this far along the board's outward normal.
+    _, shift = plane_distances(problem, state)
+    moments = np.stack([np.bincount(cell, q[:, k] * shift, boards * count) for k in range(3)], axis=-1)
+    moments = np.swapaxes(moments.reshape(boards, count, 3), 1, 2)
+    offset_and_tilts = np.linalg.pinv(S, hermitian=True) @ moments
+    axes = state.T_camera_boards[:, :3, :3]
+    basis = tangent_basis(normals_camera)
+    to_mismatch = np.zeros((boards, 3, 3))
+    to_mismatch[:, :2, 1] = -np.einsum("mka,ma->mk", basis, axes[:, :, 0])
+    to_mismatch[:, :2, 2] = -np.einsum("mka,ma->mk", basis, axes[:, :, 1])
+    to_mismatch[:, 2, 0] = 1.0
+    return np.asarray((to_mismatch @ offset_and_tilts).reshape(3 * boards, count))

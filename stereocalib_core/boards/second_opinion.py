@@ -1,0 +1,111 @@
+"""What the boards themselves say of the camera and of their own size, against what the two files claim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from stereocalib_core.boards.beams import Beams, covariance_of_beams
+from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.joint import Free, JointProblem, linearise
+from stereocalib_core.boards.refine import Refined, refine
+from stereocalib_core.boards.rotations import rotation_vector
+from stereocalib_core.boards.solve import covariance_of, split_covariance
+from stereocalib_core.config.boards import SECOND_OPINION, VARIANCE
+from stereocalib_core.numeric.arrays import Array
+
+
+@dataclass(frozen=True)
+class BoardScale:
+    """How large the boards are in the LiDAR over what board.yaml says, 1 sigma, and whether the file is wrong."""
+
+    value: float
+    sigma: float
+    doubted: bool = False
+
+    @classmethod
+    def judged(cls, value: float, sigma: float) -> BoardScale:
+        """Doubted beyond what the scale's own sigma and the ruler's allow together."""
+        limit = SECOND_OPINION.certain_sigmas * float(np.hypot(sigma, VARIANCE.scale_sigma))
+        return cls(value, sigma, abs(value - 1.0) > limit)
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """The camera and the scale as the boards would have them, held against those that were given.
+
+    camera, scale: the freed ones; camera_sigma: (4 + n,) or None. surprise: chi^2 of the step over its degrees of
+    freedom (1 = as expected). beyond_chance: too much for luck. moved: (6, 6) what T would move by, as a second
+    moment of rotation vector [rad] and translation [m].
+    """
+
+    camera: BoardCamera
+    camera_sigma: Array | None
+    scale: float
+    surprise: float
+    beyond_chance: bool
+    moved: Array
+
+
+def second_opinion(problem: JointProblem, held: Refined) -> Doubt | None:
+    """Free what was held, and see whether it, and T with it, leaves by more than its own sigma allows.
+
+    None when there are too few boards to fit a lens. The move of T counts as an error of its own, shrunk by what
+    chance alone would have moved (the positive part of James and Stein 1961).
+    """
+    if len(problem.counts) < SECOND_OPINION.least_boards:
+        return None
+    freed = refine(problem, held.state, Free(True, True, True, _ruler(held)))
+    step, block = [], list[int]()
+    count = 4 + len(held.state.camera.D)
+    if not held.free.intrinsics:
+        step += list(intrinsics_of(freed.state.camera) - intrinsics_of(held.state.camera))
+        block += range(6, 6 + count)
+    if not held.free.scale:
+        step.append(freed.state.scale - held.state.scale)
+        block.append(6 + count)
+    if not step:
+        return None
+    # The ruler holds the scale back and so makes its step smaller: the sigma of the step is what the data say.
+    covariance = freed.joint_covariance[np.ix_(block, block)]
+    unit = 1.0 / np.sqrt(np.diag(covariance))
+    moved_by = np.array(step) * unit
+    chi = float(moved_by @ np.linalg.pinv(covariance * unit * unit[:, None], rcond=1e-10) @ moved_by)
+    beyond = chi > float(chi2.isf(SECOND_OPINION.chance, len(step)))
+    moved = np.zeros((6, 6))
+    if beyond:
+        d = _difference(freed.state.T_camera_lidar, held.state.T_camera_lidar)
+        moved = max(0.0, 1.0 - len(step) / chi) * np.outer(d, d)
+    sigma = None if held.free.intrinsics else freed.intrinsic_sigma
+    return Doubt(freed.state.camera, sigma, freed.state.scale, chi / len(step), beyond, moved)
+
+
+def covariance_with_doubt(
+    problem: JointProblem, held: Refined, scatter: float, doubt: Doubt | None, beams: Beams | None
+) -> Array:
+    """(6, 6) of the rotation vector about the camera's axes [rad] and of the translation [m].
+
+    The ruler's own uncertainty is in it whether or not the scale was free.
+    """
+    free = Free(True, held.free.intrinsics, True, _ruler(held))
+    covariance = covariance_of(linearise(problem, held.state, free).reduced())[:6, :6]
+    if beams is not None:
+        covariance = covariance + covariance_of_beams(problem, held.state, beams, free) / scatter
+    covariance = split_covariance(covariance * scatter, held.state.T_camera_lidar)
+    return covariance if doubt is None else covariance + doubt.moved
+
+
+def _ruler(held: Refined) -> float:
+    return held.free.scale_sigma if held.free.scale else VARIANCE.scale_sigma
+
+
+def intrinsics_of(camera: BoardCamera) -> Array:
+    """(4 + n,) fx, fy, cx, cy [px] and the coefficients."""
+    return np.concatenate([camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], camera.D])
+
+
+def _difference(a: Array, b: Array) -> Array:
+    """(6,) rotation vector about the camera's axes [rad] and translation [m] from transform b to a."""
+    return np.concatenate([rotation_vector(a[:3, :3] @ b[:3, :3].T), a[:3, 3] - b[:3, 3]])
