@@ -21,6 +21,7 @@ from stereocalib_core.back.rig.relative_yaw import (
     RelativeYaw,
     StereoTracks,
     YawSolution,
+    grouped_sigma,
     relative_yaw,
     solve_yaw,
     stereo_tracks,
@@ -104,7 +105,8 @@ def _changes(
     """Knocks within the drive, and the first row and the one after the last of the stretch after the last knock."""
     count, limits = len(results), config.rectification
     held = tuple(0.0 if m is None else m.value for m in (rows.relative_roll_rad, rows.relative_pitch_rad))
-    solution = solve_yaw(block, motions, active, (held[0], held[1]), config.pair)
+    roll_pitch = held[0], held[1]
+    solution = solve_yaw(block, motions, active, roll_pitch, config.pair, by_strips=False)
     yaws, precision = np.full(count, np.nan), np.zeros(count)
     if solution is not None:
         yaws[solution.used], precision[solution.used] = solution.of_pairs, solution.curvature
@@ -117,11 +119,45 @@ def _changes(
         looks = steps(values[:, column], inverse.reshape(-1, 3)[:, column], np.deg2rad(least), False)
         found += [(axis, step) for step in looks]
     found.sort(key=lambda one: one[1].at)
+    bounds = stretches(count, [step.at for _, step in found])
+    yaws_of = (
+        []
+        if len(bounds) < 2
+        else [_yaw_of(block, motions, active, roll_pitch, part, config) for part in bounds]
+    )
+    found = [(axis, _sized(step, bounds, yaws_of) if axis == "yaw" else step) for axis, step in found]
     changes = tuple(
         PairChange(results[step.at].frame, axis, step.size, step.sigma)  # type: ignore[arg-type]
         for axis, step in found
     )
-    return changes, stretches(count, [step.at for _, step in found])[-1]
+    return changes, bounds[-1]
+
+
+def _yaw_of(
+    block: StereoTracks,
+    motions: Array,
+    active: NDArray[np.bool_],
+    roll_pitch: tuple[float, float],
+    part: tuple[int, int],
+    config: PipelineConfig,
+) -> Measured | None:
+    """The yaw of a stretch by itself."""
+    rows = np.arange(len(active))
+    within = active & (rows > part[0]) & (rows < part[1])
+    solution = solve_yaw(block, motions, within, roll_pitch, config.pair, by_strips=False)
+    if solution is None:
+        return None
+    return Measured(solution.yaw_rad, grouped_sigma(solution, config.pair.pairs_together))
+
+
+def _sized(step: Step, bounds: list[tuple[int, int]], yaws: Sequence[Measured | None]) -> Step:
+    """A step of the yaw with the size that the stretches beside it give: where two states are taken for one, as
+    where it was found, the points of both are taken for half wrong and the step for smaller."""
+    for k in range(1, len(bounds)):
+        before, after = yaws[k - 1], yaws[k]
+        if bounds[k][0] == step.at and before is not None and after is not None:
+            return Step(step.at, after.value - before.value, float(np.hypot(before.sigma, after.sigma)))
+    return step
 
 
 def _rows_within(rows: Pair, results: Sequence[FrameResult]) -> Pair:

@@ -23,6 +23,8 @@ SURE = 6.0
 """A step must be so many times its own sigma: there are hundreds of places where chance could put one."""
 CLIP = 4.0
 """Looks further from the median of their neighbours than so many sigmas count as if they were so far."""
+LEAST_SCATTER = 1e-6
+"""Of looks, in their own sigmas."""
 NEIGHBOURS = 9
 """Of the running median, in frames: outlasts a few bad frames, follows a step."""
 
@@ -83,8 +85,8 @@ def _clipped(values: Array, precision: Array, known: NDArray[np.bool_]) -> tuple
     middle = median_filter(values[at], size=NEIGHBOURS, mode="reflect")
     root = np.sqrt(precision[at])
     normal = (values[at] - middle) * root
-    # a look pulls the median of its neighbours towards itself
-    scatter = max(mad_sigma(normal) * NEIGHBOURS / (NEIGHBOURS - 1.0), 1e-300)
+    # a look pulls the median of its neighbours towards itself; looks that are all the same scatter by nothing
+    scatter = max(mad_sigma(normal) * NEIGHBOURS / (NEIGHBOURS - 1.0), LEAST_SCATTER)
     value[at] = middle + np.clip(normal, -CLIP * scatter, CLIP * scatter) / root
     weight[at] = precision[at] / scatter**2
     return value, weight

@@ -152,11 +152,13 @@ def solve_yaw(
     active: NDArray[np.bool_],
     roll_pitch: tuple[float, float],
     config: PairConfig,
+    by_strips: bool = True,
 ) -> YawSolution | None:
     """The yaw of the `active` (N,) pairs, Gauss-Newton over it and all their motions at once.
 
     motions: (N, 6 or more) start, rotation vector [rad] and translation [m]. roll_pitch: of the right camera [rad],
-    held. None where no pair is left or the equations are singular.
+    held. by_strips: also what the yaw is without strips of the picture, for sigma. None where no pair is left or the
+    equations are singular.
     """
     count, f = len(tracks), tracks.camera.focal_px
     now = np.array(motions[:, :6], dtype=np.float64)
@@ -192,7 +194,7 @@ def solve_yaw(
         return None
     curvature = reduced.curvature[:, 0]
     leverage = -curvature[:, 1:].sum(axis=0) / total
-    without = _without_strips(tracks, now, active, turn, noise, config)
+    without = _without_strips(tracks, now, active, turn, noise, config) if by_strips else np.zeros(0)
     return YawSolution(
         float(turn[0]), used, curvature[:, 0], reduced.score, leverage, without, now, noise * f,
         float(total / reduced.unreduced),
