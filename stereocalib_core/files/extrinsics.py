@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.errors import SourceError
+from stereocalib_core.errors import FailureReason, SourceError
 from stereocalib_core.results import AXES, TO_DEGREES, FrameTable, column_name
 from stereocalib_core.system.whole_file import write_atomic
 
@@ -87,6 +87,9 @@ def read_extrinsics_csv(path: Path) -> FrameTable:
             return np.full((len(rows), 3), np.nan)
         return np.column_stack([numbers(column) for column in names]) / TO_DEGREES
 
+    unknown = set(texts("reason")) - {"", *FailureReason}
+    if unknown:
+        raise SourceError(f"unknown reason {min(unknown)[:40]}", path, "run the drive again")
     frame = numbers("frame")
     if not np.isfinite(frame).all():
         raise SourceError("bad column frame", path, "run the drive again")

@@ -25,8 +25,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.errors import Failure, FailureReason, OutputError
-from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.errors import Failure, FailureReason, OutputError, StereoCalibError
+from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import (
     Check,
     FrameResult,
@@ -138,9 +138,13 @@ def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], 
     return frames, whole
 
 
-def read_frames(path: Path) -> tuple[dict[str, Any], list[Done]]:
-    """Header and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
-    return _read(path)[:2]
+def read_frames(path: Path) -> tuple[StereoCamera, list[Done]]:
+    """Camera and frames of the file that a finished run leaves, whatever made it; raises OutputError."""
+    header, frames, _ = _read(path)
+    try:
+        return StereoCamera(**header["camera"]), frames
+    except (KeyError, TypeError, ValueError, StereoCalibError) as error:
+        raise OutputError("frames without a camera", path, "run the drive again") from error
 
 
 @dataclass(frozen=True)

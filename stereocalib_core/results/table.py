@@ -111,7 +111,7 @@ class FrameTable:
             if self.ok[i]:
                 covariance, unknown = np.diag(self.sigma[i] ** 2), (float("nan"), float("nan"))
                 road = RoadEstimate(Extrinsics(*values), covariance, count, free, unknown)
-            else:
+            elif self.reason[i]:
                 failure = Failure(FailureReason(self.reason[i]), "as written by the run")
             time_s = float(self.timestamp_s[i])
             found.append(FrameResult(int(self.frame[i]), time_s, road, failure, free, count))

@@ -246,3 +246,10 @@ def test_numbers_are_as_long_as_they_mean(written: Path, tmp_path: Path) -> None
     assert drive.mount != some_drive().mount
     write_run(drive, tmp_path)
     assert (tmp_path / "report.json").read_bytes() == (written / "report.json").read_bytes()
+
+
+def test_a_reason_of_another_version_is_refused(written: Path) -> None:
+    table = written / "extrinsics.csv"
+    table.write_text(table.read_text().replace("DARK", "GLOOMY"))
+    with pytest.raises(StereoCalibError, match="unknown reason GLOOMY"):
+        load_run(written)

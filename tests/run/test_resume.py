@@ -41,6 +41,7 @@ from stereocalib_core.results import (
     Tracks,
 )
 from stereocalib_core.run.drive import CHECKPOINT, Interrupted, run_drive
+from stereocalib_core.sources import open_source
 
 CAMERA = StereoCamera(64, 48, 50.0, 32.0, 24.0, 0.5)
 SMALL_PLANE = "synthetic:plane?frames=3&width=320&height=120&focal_px=185&cx_px=157&cy_px=55"
@@ -407,9 +408,9 @@ def test_gaps_are_named_by_the_frames_of_the_drive(tmp_path: Path) -> None:
 def test_a_finished_run_keeps_its_frames(tmp_path: Path) -> None:
     out = tmp_path / "run"
     run_drive("synthetic:plane?frames=6", out)
-    header, done = read_frames(out / "frames.bin")
+    camera, done = read_frames(out / "frames.bin")
     assert [d.result.frame for d in done] == list(range(6))
-    assert header["camera"]["focal_px"] > 0
+    assert camera == open_source("synthetic:plane?frames=6").camera
     assert done[-1].result.tracks is not None
     assert done[-1].result.checks
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     """An earlier run: its results as they were written, its pictures where the source is still there."""
     drive = load_run(folder)
     first = int(drive.frames.frame[0])
-    header, finished, lost = whole_frames(folder, drive)
+    camera, finished, lost = whole_frames(folder, drive)
     config, other_settings = saved_config(folder, drive)
     finished = [from_frame(done, first) for done in finished]
     span = None
@@ -39,8 +38,7 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         span = None if (first, stop) == (0, len(whole)) else (first, stop)
     except StereoCalibError as error:
         times = np.array([done.result.timestamp_s for done in finished])
-        camera = StereoCamera(**header["camera"]) if header else UNKNOWN_CAMERA
-        source = without_pictures(folder, camera, times, str(error))
+        source = without_pictures(folder, camera or UNKNOWN_CAMERA, times, str(error))
         lost += ("the pictures are not where they were: only the numbers are shown",)
     shown = judged(drive, limits)
     return Session(
@@ -51,25 +49,25 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
         analyse=lambda _results: shown,
         frames=span,
         run_folder=folder,
-        tracks=bool(header),
+        tracks=camera is not None,
         notices=lost + other_settings,
     )
 
 
-def whole_frames(folder: Path, drive: Drive) -> tuple[dict[str, Any], list[Done], tuple[str, ...]]:
-    """The header and the frames of frames.bin, where it is there and whole; else no header, the frames of
+def whole_frames(folder: Path, drive: Drive) -> tuple[StereoCamera | None, list[Done], tuple[str, ...]]:
+    """Camera and frames of frames.bin, where it is there and whole; else no camera, the frames of
     extrinsics.csv, and what is lost by that."""
     path = folder / FRAMES
     numbers = [Done(result, FrontEndMemory(None, None), 0.0) for result in drive.frames.results()]
     if not path.is_file():
-        return {}, numbers, ()
+        return None, numbers, ()
     try:
-        header, finished = read_frames(path)
+        camera, finished = read_frames(path)
+        if len(finished) == len(drive.frames):
+            return camera, finished, ()
     except StereoCalibError:
-        header, finished = {}, []
-    if len(finished) == len(drive.frames):
-        return header, finished, ()
-    return {}, numbers, (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
+        pass
+    return None, numbers, (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
 
 
 def saved_config(folder: Path, drive: Drive) -> tuple[PipelineConfig, tuple[str, ...]]:
