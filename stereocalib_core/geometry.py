@@ -142,6 +142,14 @@ class StereoCamera:
         f, cx, cy = self.focal_px, self.cx_px, self.cy_px
         return np.array([[1 / f, 0.0, -cx / f], [0.0, 1 / f, -cy / f], [0.0, 0.0, 1.0]])
 
+    def shrunk(self, by: int) -> StereoCamera:
+        """The camera of pictures that are means of `by` x `by` pixels, what is left over at right and bottom cut."""
+        right = None if self.cx_right_px is None else (self.cx_right_px + 0.5) / by - 0.5
+        return StereoCamera(
+            self.width // by, self.height // by, self.focal_px / by, (self.cx_px + 0.5) / by - 0.5,
+            (self.cy_px + 0.5) / by - 0.5, self.baseline_m, right,
+        )  # fmt: skip
+
     def project(self, points_camera: ArrayLike) -> Array:
         """(..., 3) points in the camera frame [m] to (..., 3) left u, v and geometric disparity [px]."""
         p = np.asarray(points_camera, dtype=np.float64)

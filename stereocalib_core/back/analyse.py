@@ -26,6 +26,7 @@ from stereocalib_core.back.odometry.trajectory import (
     trajectory,
 )
 from stereocalib_core.back.rig.body_motion import MotionSeries
+from stereocalib_core.back.rig.consistency import consistent, near_smoothed
 from stereocalib_core.back.rig.mount import estimate_mount
 from stereocalib_core.back.rig.pair import summarise
 from stereocalib_core.back.rig.pair_calibration import calibrate_pair
@@ -103,7 +104,7 @@ def analyse_openly(
 ) -> tuple[Drive, Workings]:
     """`analyse` with what it was made from."""
     known = rig or Rig()
-    filtered, smoothed = filter_drive(results, camera, config)
+    results, filtered, smoothed = _one_rig(results, camera, config)
     frames = FrameTable.of(results, filtered, smoothed)
     tracks = pack(camera, results, config.odometry)
     yaw = estimate_yaw(tracks, smoothed.values, config.yaw, known.lever_arm_m, config.vehicle, smoothed.sigma)
@@ -141,6 +142,25 @@ def analyse_openly(
         config=config,
     )
     return drive, Workings(tracks, extrinsics, yaw, paths)
+
+
+def _one_rig(
+    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
+) -> tuple[Sequence[FrameResult], FilteredExtrinsics, FilteredExtrinsics]:
+    """The results without frames that contradict the others; the filter over all, and the smoother without them.
+
+    The filter knows nothing of later frames, and so not which ones will turn out to contradict.
+    """
+    filtered, smoothed = filter_drive(results, camera, config)
+    kept: Sequence[FrameResult] = consistent(results, config.consistency)
+    for _ in range(config.consistency.rounds):
+        if sum(r.ok for r in kept) < sum(r.ok for r in results):
+            results = kept
+            _, smoothed = filter_drive(results, camera, config)
+        kept = near_smoothed(results, smoothed.values, config.consistency)
+        if sum(r.ok for r in kept) == sum(r.ok for r in results):
+            break
+    return results, filtered, smoothed
 
 
 def _judged(

@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from stereocalib_core.config.back import (
+    ConsistencyConfig,
     FilterConfig,
     MountConfig,
     RectificationConfig,
@@ -35,6 +36,8 @@ from stereocalib_core.config.front import (
     LaneConfig,
     LimitsConfig,
     ProfileConfig,
+    RegionConfig,
+    SightConfig,
 )
 from stereocalib_core.config.lidar import LidarAlignmentConfig, RoadCheckConfig, ScanSampleConfig
 from stereocalib_core.config.odometry import OdometryConfig
@@ -46,11 +49,10 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
-    "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig", "LaneConfig",
-    "LidarAlignmentConfig", "LimitsConfig",
-    "Method", "MountConfig", "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
-    "RoadCheckConfig", "RoadPointsConfig", "ScanDisparityConfig", "ScanSampleConfig",
-    "ShiftAlarmConfig", "TracksConfig", "VehicleConfig",
+    "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig",
+    "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method", "MountConfig", "OdometryConfig", "PairConfig",
+    "PipelineConfig", "ProfileConfig", "RectificationConfig", "RegionConfig", "RoadCheckConfig", "RoadPointsConfig",
+    "ScanDisparityConfig", "ScanSampleConfig", "ShiftAlarmConfig", "SightConfig", "TracksConfig", "VehicleConfig",
     "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
@@ -64,6 +66,8 @@ class PipelineConfig:
     method: Method = "direct"
     images: ImageConfig = ImageConfig()
     disparity: DisparityConfig = DisparityConfig()
+    sight: SightConfig = SightConfig()
+    region: RegionConfig = RegionConfig()
     free_map: FreeMapConfig = FreeMapConfig()
     profile: ProfileConfig = ProfileConfig()
     lane: LaneConfig = LaneConfig()
@@ -73,6 +77,7 @@ class PipelineConfig:
     rectification: RectificationConfig = RectificationConfig()
     pair: PairConfig = PairConfig()
     vehicle: VehicleConfig = VehicleConfig()
+    consistency: ConsistencyConfig = ConsistencyConfig()
     filter: FilterConfig = FilterConfig()
     odometry: OdometryConfig = OdometryConfig()
     yaw: YawConfig = YawConfig()

@@ -197,3 +197,28 @@ class ShiftAlarmConfig:
     steps: StepConfig = StepConfig()
     turmoil: TurmoilConfig = TurmoilConfig()
     yaw_steps: YawStepConfig = YawStepConfig()
+
+
+@dataclass(frozen=True, config=STRICT)
+class ConsistencyConfig:
+    """When a frame's road is not that of the frames around it."""
+
+    height: float = 0.08
+    """Share of the height by which neighbours on one road never differ (0.13 m on a car): springs and kerbs."""
+    pitch_deg: float = 2.5
+    roll_deg: float = 3.5
+    """The same of pitch and roll [deg]: braking turns a body by one, crests and crossfalls of crossings by the rest."""
+    near_height: float = 0.085
+    near_angle_deg: float = 1.4
+    """The same against the smoothed rig of that very moment, which knows of crests and crossfalls."""
+    sigmas: float = 4.0
+    """... and by so many of the frame's own sigma as well."""
+    window: int = 40
+    """Frames of either side that are asked: 4 s, longer than a turn shows another road."""
+    reach: int = 80
+    """... within so many frames: beyond, the load may have changed."""
+    least_side: int = 20
+    """Fewer good frames on one side do not speak for a rig of their own: two seconds of another road are common."""
+    least_frames: int = 5
+    """Fewer around in all say nothing."""
+    rounds: int = 4

@@ -15,9 +15,14 @@ class DisparityConfig:
 
     matcher: str = "sgbm"
     """Which matcher: a name in `front.matching.MATCHERS`, or MODULE:NAME of a Python module."""
-    scale: Literal[1, 2] = 2
-    max_disparity_px: int = 128
-    """Largest disparity searched, in full-resolution pixels."""
+    scale: Literal["auto", 1, 2, 4, 8] = "auto"
+    """Picture pixels per cell; auto: as fine as `most_cells` allow."""
+    most_cells: int = 320_000
+    """So many cells are matched in the time of one frame on two cores: 640x480 whole, KITTI halved, 4K by eight."""
+    max_disparity_px: Literal["auto"] | int = "auto"
+    """Largest disparity searched, in full-resolution pixels; auto: that of the nearest road in the picture."""
+    margin: float = 1.5
+    """Auto searches so many times the nearest road's disparity: what stands on the road is nearer than it."""
     block_size: Literal[1, 3, 5, 7, 9, 11] = 3
     small_step_penalty: int = 8
     """SGBM's P1. The matcher's downward pass drags each row towards the disparity of the row above, and a road
@@ -26,6 +31,81 @@ class DisparityConfig:
     """SGBM's P2."""
     min_valid_fraction: float = 0.10
     """Fewer valid pixels than this below the middle row: NO_DISPARITY."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class SightConfig:
+    """What any camera can tell of a road; see `front.road.sight`."""
+
+    matcher_noise: float = 0.15
+    """1 sigma of the matcher's disparity, in cells of its grid (semi-global matching with parabola fit on road)."""
+    most_noise: float = 0.016
+    """The road is followed to where the matcher's noise is this share of its disparity, and of the camera's height."""
+    least_disparity: float = 12.0
+    """Cells nearer to infinity than so many sigmas of the matcher tell nothing of a plane."""
+    least_reach: float = 3.0
+    """... but always to so many times the nearest visible road."""
+    lane_far_m: float = 20.0
+    """... and no farther than this otherwise: the lane that a road's plane is meant for."""
+    heights_per_baseline: float = 1.4
+    """A pair of cameras is mounted at least so many baselines high."""
+    guess_per_baseline: float = 3.0
+    """Height to start from where no road is known yet, in baselines."""
+    most_of_width: float = 0.6
+    """Largest disparity, as a share of the width, that leaves both pictures enough in common."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class RegionConfig:
+    """The road's own region."""
+
+    candidate_cells: int = 4000
+    candidates: int = 300
+    """Planes tried where nothing is known; three cells are all on a road that fills a third of what is near."""
+    candidates_with_past: int = 100
+    draw_within: float = 0.3
+    """Cells are drawn by area, fading beyond the distance within which so many of them lie."""
+    way_side_m: float = 2.0
+    """Road counts less to the side of the car's way, by half at this distance: a car is 2 m wide."""
+    half_width_m: float = 6.0
+    """Farther from the way is another road."""
+    half_strip_m: float = 1.75
+    """The strip ahead whose cover is told: a lane."""
+    min_share_ahead: float = 0.2
+    """Less of the strip straight ahead is road: the strip along the car's way is meant, where more of that is."""
+    near_length: float = 1.3
+    """Road counts less ahead, by half at so many times the nearest visible road."""
+    tolerance_m: float = 0.05
+    tolerance_of_height: float = 0.03
+    """A cell is on the plane within this height, or this share of the camera's, whichever is less (kerbs are 0.1 m);"""
+    tolerance_noise: float = 2.0
+    """... but at least within so many sigmas of the matcher."""
+    below_weight: float = 0.5
+    past_height: float = 0.06
+    past_pitch_rad: float = 0.0175
+    past_roll_rad: float = 0.0227
+    """How far a rig's own road lies from that of a moment ago, 1 sigma: share of the height, and the body's swing with
+    the road's own shape."""
+    past_frames: int = 15
+    """The road of a moment ago is the median of so many frames (1.5 s at 10 Hz: longer than the body swings)..."""
+    least_past: int = 3
+    """... and of so many at least."""
+    least_travel: float = 0.06
+    """Between two pairs, in camera heights: less shows no direction."""
+    straight_per_m: float = 0.01
+    """Curvature below which the car goes where it points: over a lane of 20 m it leaves it by its width at most."""
+    most_slope: float = 0.18
+    most_curvature_per_m: float = 0.15
+    """What a mounting yaw (10 deg) and a car's steering (6.7 m) can make of the way."""
+    least_likeness: float = 0.02
+    """A plane far from the past needs so much more road: a knocked rig finds none on the old one."""
+    pinhole_cells: int = 5
+    rounds: int = 3
+    tukey: float = 4.5
+    min_cells: int = 200
+    bins_per_near: float = 5.0
+    bin_share: float = 0.1
+    """A stretch of the strip, a fifth of the nearest distance long, is road where so much of it is in the region."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -88,6 +168,10 @@ class DirectConfig:
     """The lane that the plane is meant for: so far to the side, from `near_m` to `far_m`."""
     fit_half_width_m: float = 2.4
     """The road beside the lane helps to tell roll from camber, as far as this."""
+    wide_half_width_m: float = 5.0
+    """... and as far as this where the lane itself is hardly road: in turns, beside kerbs."""
+    wide_below: float = 0.3
+    """Less of the strip about the car's way in the road's region: the wide fit."""
     uneven_beside: float = 0.008
     """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
     patch_half_width_px: int = 6
@@ -107,6 +191,8 @@ class DirectConfig:
     initial_unevenness_m: float = 0.004
     max_unevenness_m: float = 0.008
     """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""
+    max_unevenness_wide_m: float = 0.025
+    """The same where the whole region is meant: crossings, ruts and gutters are of this size."""
     uneven_length_m: float = 1.5
     """Road heights closer than this rise and fall together."""
     min_bend_m: float = 0.0003
@@ -121,10 +207,18 @@ class DirectConfig:
     further_unseen_m: float = 0.004
     """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
     the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
+    other_side_rad: float = 0.0436
+    """1 sigma of roll (2.5 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
+    share: roads are crowned by up to 5 % to either side. Tuned on the snowy street of Karlsruhe, checked on LiDAR."""
+    turning_roll_rad: float = 0.0131
+    """1 sigma of roll (0.75 deg) that is added where the lane is that of a turn: one road's crossfall, or the other's."""
     min_patches: int = 40
     agree_height_m: float = 0.06
+    rough_range: float = 2.0
+    """... times the nearest road in the picture is near;"""
     rough_range_m: float = 12.0
-    max_roughness_m: float = 0.023
+    """that distance for KITTI's camera, used where no region is known."""
+    max_roughness_m: float = 0.035
     """Rms height over the plane up to `rough_range_m`; more (a speed hump at the bumper): NOT_PLANAR."""
     min_agreement: float = 0.75
     """A smaller share of the lane's patches within `agree_height_m`: NOT_PLANAR."""
@@ -166,10 +260,13 @@ class ImageConfig:
 class LimitsConfig:
     """Where an estimate is not believed: OUT_OF_RANGE, TOO_UNCERTAIN (1 sigma)."""
 
-    min_height_m: float = 0.5
-    max_height_m: float = 3.0
-    max_pitch_rad: float = 0.1745
-    max_roll_rad: float = 0.1745
-    max_height_sigma_m: float = 0.08
+    min_height_m: float = 0.15
+    max_height_m: float = 5.0
+    max_pitch_rad: float = 0.6109
+    """35 deg."""
+    max_roll_rad: float = 0.4363
+    """25 deg."""
+    max_height_sigma: float = 0.05
+    """As a share of the height."""
     max_pitch_sigma_rad: float = 0.0105
-    max_roll_sigma_rad: float = 0.0175
+    max_roll_sigma_rad: float = 0.0262

@@ -20,11 +20,14 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.front.road.sight import matching_step
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.results import DisparityMap
 
 _SUBPIXEL = 16.0
+UNKNOWN_PX = 128.0
+"""Searched where nothing says how near the road comes."""
 
 
 class Matcher(Protocol):
@@ -117,13 +120,13 @@ def _matcher(_thread: int, first: int, count: int, config: DisparityConfig) -> A
     )
 
 
-def half_size(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W) to (H // 2, W // 2) by 2x2 means; an odd last row or column is cut, so that cell centres are exact."""
-    even = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
-    return np.asarray(
-        cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA),
-        dtype=np.uint8,
-    )
+def shrunk(image: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
+    """(H, W) to (H // step, W // step) by means; what is left over is cut, so that cell centres are exact."""
+    if step == 1:
+        return image
+    height, width = image.shape[0] // step, image.shape[1] // step
+    whole = image[: height * step, : width * step]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def compute(
@@ -134,11 +137,14 @@ def compute(
     step: int | None = None,
     farthest_px: float | None = None,
 ) -> DisparityMap:
-    """The `Matcher` by semi-global matching, at half or full resolution."""
-    step = step or config.scale
-    farthest_px = farthest_px or config.max_disparity_px
-    if step == 2:
-        left, right = half_size(left), half_size(right)
+    """The `Matcher` by semi-global matching.
+
+    step, farthest_px: None = `config`'s; where that leaves them open, as the camera has it, and `UNKNOWN_PX`.
+    """
+    step = matching_step(camera, config) if step is None else step
+    if farthest_px is None:
+        farthest_px = UNKNOWN_PX if config.max_disparity_px == "auto" else config.max_disparity_px
+    left, right = shrunk(left, step), shrunk(right, step)
     offset = camera.disparity_offset_px
     first = int(np.floor(offset / step))
     wanted = int(np.ceil(farthest_px / step / 16)) * 16

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front.car_way import curvature_of, heading_of, way_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
-from stereocalib_core.front.road.estimate import RoadResult, begin_road, estimate_road, finish_road
+from stereocalib_core.front.road.estimate import Hint, RoadResult, begin_road, estimate_road, finish_road
 from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.front.rows.self_check import Examination, examine
@@ -27,11 +29,6 @@ from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.numeric.threads import shared_pool
 from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
-
-NOMINAL = Extrinsics(1.65, 0.0, 0.0)
-"""Where tracks start from until a first pair shows the road."""
-LEAST_TRAVEL_M = 0.1
-"""Between two pairs: less shows no curvature."""
 
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
@@ -46,15 +43,13 @@ class Look:
     road: RoadResult | None = None
 
 
-def curvature_of(motion: NDArray[np.float64] | None) -> float:
-    """[1/m] of the car's way, positive to the right; motion: (6,) of T_current_previous. 0 where it hardly moves."""
-    if motion is None or -motion[5] < LEAST_TRAVEL_M:
-        return 0.0
-    return float(motion[1] / motion[5])
-
-
 def look_at_pair(
-    camera: StereoCamera, left: Grey, right: Grey, config: PipelineConfig, matcher: Matcher | None = None
+    camera: StereoCamera,
+    left: Grey,
+    right: Grey,
+    config: PipelineConfig,
+    matcher: Matcher | None = None,
+    hint: Hint | None = None,
 ) -> tuple[Examination, RoadResult, dict[str, float]]:
     """The pair's check of its own rows and its road, and the stages' ms.
 
@@ -65,9 +60,9 @@ def look_at_pair(
         began = time.perf_counter()
         return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
 
-    begun = begin_road(left, right, camera, config, matcher)
+    begun = begin_road(left, right, camera, config, matcher, hint)
     rows = shared_pool("row-check", 2).submit(check_rows)
-    road = finish_road(begun, left, right, camera, config)
+    road = finish_road(begun, left, right, camera, config, hint)
     examined, took = rows.result()
     return examined, road, {"rectification": took, **road.timing_ms}
 
@@ -91,7 +86,9 @@ class FrontEnd:
         self.matcher = matcher or find_matcher(config.disparity.matcher)
         self.T_camera_lidar = T_camera_lidar
         self._tracker = TrackerState()
-        self._road = NOMINAL
+        self._road: Extrinsics | None = None
+        self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
+        self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
 
     def step(self, frame: StereoFrame) -> FrameResult:
@@ -114,7 +111,9 @@ class FrontEnd:
         failure = self._frozen(left, right)
         if failure is not None:
             return Look(FrameResult(frame.index, frame.timestamp_s, None, failure))
-        examined, road, timing = look_at_pair(self.camera, left, right, self.config, self.matcher)
+        examined, road, timing = look_at_pair(
+            self.camera, left, right, self.config, self.matcher, self._hint()
+        )
         sample, checks = examined.sample, examined.checks
         if examined.failure is not None:
             failed = FrameResult(
@@ -135,12 +134,28 @@ class FrontEnd:
         )  # fmt: skip
         return Look(self._with_lidar(frame, result, road), road)
 
+    def _hint(self) -> Hint:
+        """Where the road is likely to be: the median of the last ones, and the way that the car has been going."""
+        region = self.config.region
+        way = way_of(self._tracker.motion, self._standing.height_m, region)
+        heading = float(np.median(self._headings)) if len(self._headings) >= region.least_past else 0.0
+        if len(self._past) < region.least_past:
+            return Hint(None, way, heading)
+        rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in self._past], axis=0)
+        return Hint(Extrinsics(*(float(x) for x in rig)), way, heading)
+
+    @property
+    def _standing(self) -> Extrinsics:
+        """The last road measured, or a guess where none was: cameras stand some baselines high."""
+        guess = Extrinsics(self.config.sight.guess_per_baseline * self.camera.baseline_m, 0.0, 0.0)
+        return self._road or guess
+
     def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
         """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
         estimate = road.estimate
         if estimate is None or road.disparity is None or road.free is None:
             return estimate, ()
-        way = curvature_of(self._tracker.motion)
+        way = curvature_of(self._tracker.motion, estimate.extrinsics.height_m, self.config.region)
         bend = bend_ahead(road.disparity, road.free, self.camera, estimate.extrinsics, self.config.lane, way)
         return dataclasses.replace(estimate, bend=bend), (
             Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
@@ -186,8 +201,12 @@ class FrontEnd:
             return None
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
-        view = PairView(index, left, right, road.disparity, self._road, road.estimate is not None)
+            self._past.append(self._road)
+        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
+        heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
+        if heading is not None:
+            self._headings.append(heading)
         return tracks
 
     @property
@@ -196,22 +215,52 @@ class FrontEnd:
         view = self._tracker.view
         return FrontEndMemory(None if view is None else view.index, self._tracker.motion)
 
-    def recall(self, frames: Iterable[StereoFrame], road: Extrinsics | None, memory: FrontEndMemory) -> None:
+    def recall(
+        self, frames: Iterable[StereoFrame], done: Sequence[tuple[FrameResult, FrontEndMemory]]
+    ) -> None:
         """Take up a drive where another front end left it, so that the next step gives the same bits.
 
-        frames: again all frames from the remembered pair (or the last readable one) to the last one done.
-        road: the last road measured before these; None = none was.
+        done: the results so far with what was remembered after each. frames: those from the last memory's
+        `tracked` (or the last readable one) to the last.
         """
-        self._road = NOMINAL if road is None else road
-        for frame in frames:
-            self.step(frame)
+        memory = done[-1][1]
+        seen = {frame.index: frame for frame in frames}
+        for frame in seen.values():
+            if frame.left is not None and frame.right is not None:
+                self._previous = (frame.left, frame.right)
+        for result, remembered in done:
+            if remembered.tracked != result.frame:
+                continue
+            hint = self._hint()
+            if result.road is not None:
+                self._road = result.road.extrinsics
+                self._past.append(self._road)
+            if result.frame == memory.tracked:
+                self._retrack(seen[result.frame], result, hint)
+            heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
+            if heading is not None:
+                self._headings.append(heading)
         self._tracker = dataclasses.replace(self._tracker, motion=memory.motion)
 
-    def stages(self, frame: StereoFrame) -> RoadStages | None:
-        """Every intermediate picture of one pair, for display; None where there is no disparity to show."""
+    def _retrack(self, frame: StereoFrame, result: FrameResult, hint: Hint) -> None:
+        """Start the tracks again at a pair whose road is known."""
+        assert frame.left is not None and frame.right is not None
+        begun = begin_road(frame.left, frame.right, self.camera, self.config, self.matcher, hint)
+        disparity = begun.disparity
+        assert disparity is not None
+        view = PairView(
+            frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
+        )
+        self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
+
+    def stages(self, frame: StereoFrame, past: Extrinsics | None = None) -> RoadStages | None:
+        """Every intermediate picture of one pair, for display; None where there is no disparity to show.
+
+        past: the road that the rig stood on, where it is known: it says which of several planes is the road.
+        """
         if frame.left is None or frame.right is None or frame.failure is not None:
             return None
-        road = estimate_road(frame.left, frame.right, self.camera, self.config, self.matcher)
+        road = estimate_road(frame.left, frame.right, self.camera, self.config, self.matcher, Hint(past))
         return road_stages(road, self.config)
 
 
@@ -219,7 +268,7 @@ def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:
     """The display form of a `RoadResult`."""
     if road.disparity is None or road.u_counts is None or road.free is None or road.obstacles is None:
         return None
-    bin_px = config.free_map.bin_px
+    bin_px = road.bin_px
     bins = len(road.u_counts)
     values = road.disparity.values
     profile = None if road.paper is None else (road.paper.profile.slope, road.paper.profile.intercept_px)

@@ -72,8 +72,7 @@ def _recall(front_end: FrontEnd, source: FrameSource, earlier: Sequence[Done]) -
         again.insert(0, frame)
         if index == first or (first is None and frame.failure is None):
             break
-    before = [d.result.road for d in earlier if d.result.frame < again[0].index and d.result.road is not None]
-    front_end.recall(again, before[-1].extrinsics if before else None, memory)
+    front_end.recall(again, [(d.result, d.memory) for d in earlier])
 
 
 def calibrate(

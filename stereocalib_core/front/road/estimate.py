@@ -10,13 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.config import ImageConfig, LimitsConfig, PipelineConfig
+from stereocalib_core.config import DirectConfig, ImageConfig, LimitsConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
-from stereocalib_core.front.matching import Matcher, find_matcher
-from stereocalib_core.front.road import free_map, lane, uv_disparity
-from stereocalib_core.front.road.lane import LaneSupport
-from stereocalib_core.front.road.paper import PaperFit, fit_paper
+from stereocalib_core.front.matching import UNKNOWN_PX, Matcher, find_matcher
+from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
+from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
+from stereocalib_core.front.road.region import Region, grow
+from stereocalib_core.front.road.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey, Mask
@@ -37,6 +39,8 @@ class RoadResult:
     obstacles: Mask | None
     free: Mask | None
     road: Mask | None
+    bin_px: float
+    region: Region | None
     paper: PaperFit | None
     direct: DirectFit | None
     free_fraction: float | None
@@ -53,6 +57,8 @@ class RoadAttempt:
     obstacles: Mask | None = None
     free: Mask | None = None
     road: Mask | None = None
+    bin_px: float = 1.0
+    region: Region | None = None
     paper: PaperFit | None = None
     direct: DirectFit | None = None
     free_fraction: float | None = None
@@ -89,7 +95,7 @@ class RoadAttempt:
         """The end: an estimate or why there is none."""
         return RoadResult(
             estimate, failure, self.disparity, self.u_counts, self.obstacles, self.free, self.road,
-            self.paper, self.direct, self.free_fraction, tuple(self.checks), self.timing_ms,
+            self.bin_px, self.region, self.paper, self.direct, self.free_fraction, tuple(self.checks), self.timing_ms,
         )  # fmt: skip
 
 
@@ -132,7 +138,7 @@ def limits_failure(
             FailureReason.OUT_OF_RANGE,
             f"height {e.height_m:.2f} m, pitch {e.pitch_deg:.1f} deg, roll {e.roll_deg:.1f} deg",
         )
-    highest = (limits.max_height_sigma_m, limits.max_pitch_sigma_rad, limits.max_roll_sigma_rad)
+    highest = (limits.max_height_sigma * e.height_m, limits.max_pitch_sigma_rad, limits.max_roll_sigma_rad)
     if not np.all(sigma <= highest):
         h, p, r = sigma[0], *np.rad2deg(sigma[1:])
         return Failure(
@@ -141,58 +147,74 @@ def limits_failure(
     return None
 
 
-def _paper_on_lane(
-    attempt: RoadAttempt, disparity: DisparityMap, free: Mask, camera: StereoCamera, config: PipelineConfig
-) -> tuple[PaperFit, LaneSupport, float] | Failure:
-    """The paper's fit with its support; where the road bends away, that of the nearer part. The last is how far [m]."""
-    limits = config.lane
-    fit = fit_paper(disparity, free, camera, config.profile)
-    if fit is None:
-        return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the free map")
-    attempt.paper = fit
-    if not attempt.check(
-        "profile", "share on the profile", fit.profile.support, low=config.profile.min_support
-    ):
-        return Failure(
-            FailureReason.NO_ROAD,
-            f"{fit.profile.support:.0%} of the free cells ahead on one profile, needs {config.profile.min_support:.0%}",
+@dataclass(frozen=True)
+class Hint:
+    """Where to look, from the frames before: the road that the rig stood on, where the car goes and where it points.
+
+    heading_slope: x / z of the direction of straight travel: the tangent of the mount's yaw.
+    """
+
+    past: Extrinsics | None = None
+    way: Way = Way()
+    heading_slope: float = 0.0
+
+
+def _region(
+    attempt: RoadAttempt, disparity: DisparityMap, camera: StereoCamera, config: PipelineConfig, hint: Hint
+) -> Region | Failure:
+    """Free map and the road's own region; or why there is none."""
+    cells = candidates.gather(disparity, camera, hint.way, config.sight, config.region)
+    plane = candidates.best_plane(
+        cells, camera, disparity.step_px, hint.past, config.limits, config.sight, config.region
+    )
+    attempt.lap("region")
+    height_m = config.free_map.road_height_m if plane is None else plane.extrinsics(camera).height_m
+    bin_px = config.free_map.bin_px * max(1.0, disparity.step_px / 2)
+    bins = int(np.ceil(np.nanmax(disparity.values, initial=1.0) / bin_px)) + 1
+    u_counts = uv_disparity.u_disparity(disparity.values, bin_px, bins)
+    free_config = dataclasses.replace(config.free_map, road_height_m=1.2 * height_m)
+    obstacles, free = free_map.separate(disparity, u_counts, bin_px, camera, free_config)
+    attempt.bin_px, attempt.u_counts, attempt.obstacles, attempt.free = bin_px, u_counts, obstacles, free
+    attempt.lap("free_map")
+    if plane is None:
+        return Failure(FailureReason.NO_ROAD, "nothing in front of the car lies on one plane below it")
+    region = grow(
+        disparity, free, camera, plane, (Way(hint.heading_slope), hint.way), config.sight, config.region
+    )
+    attempt.lap("region")
+    if region is None:
+        return Failure(FailureReason.NO_ROAD, f"no {config.region.min_cells} connected cells of road")
+    attempt.region = region
+    return region
+
+
+def _match(
+    match: Matcher, left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, hint: Hint
+) -> DisparityMap:
+    """Dense disparity as far as the nearest road in the picture: of the past, or looked for in a coarse map."""
+    if config.disparity.max_disparity_px != "auto":
+        return match(left, right, camera, config.disparity)
+    past = hint.past
+    step = matching_step(camera, config.disparity)
+    if past is None:
+        widest = widest_disparity(camera, config.limits, config.sight)
+        coarse = match(left, right, camera, config.disparity, 2 * step, widest)
+        cells = candidates.gather(coarse, camera, Way(), config.sight, config.region)
+        plane = candidates.best_plane(
+            cells, camera, coarse.step_px, None, config.limits, config.sight, config.region
         )
-    # A plane outside the limits has no lane to count.
-    out_of_range = limits_failure(fit.extrinsics, np.zeros(3), config.limits)
-    support = lane.measure(disparity, free, camera, fit.extrinsics, limits.far_m, limits)
-    far_m = limits.far_m
-    if out_of_range is not None or support.agreement < limits.min_agreement:
-        d_near = camera.focal_px * camera.baseline_m / limits.near_only_m
-        near_fit = fit_paper(
-            disparity, free, camera, dataclasses.replace(config.profile, min_disparity_px=d_near)
-        )
-        if near_fit is not None and limits_failure(near_fit.extrinsics, np.zeros(3), config.limits) is None:
-            near = lane.measure(disparity, free, camera, near_fit.extrinsics, limits.near_only_m, limits)
-            if near.agreement >= limits.min_agreement_near:
-                fit, support, far_m, out_of_range = near_fit, near, limits.near_only_m, None
-    attempt.paper = fit
-    if out_of_range is not None:
-        return out_of_range
-    needed = limits.min_agreement if far_m == limits.far_m else limits.min_agreement_near
-    covered = attempt.check("lane", "free share of the lane", support.covered, low=limits.min_covered)
-    planar = attempt.check("lane", "lane on the plane", support.agreement, low=needed)
-    enough = attempt.check("lane", "agreeing cells", support.agreeing, low=limits.min_agreeing_cells)
-    if not covered:
-        return Failure(FailureReason.NO_ROAD, f"only {support.covered:.0%} of the lane is free")
-    if not planar:
-        return Failure(
-            FailureReason.NOT_PLANAR,
-            f"{support.agreement:.0%} of the free lane on one plane, needs {needed:.0%}",
-        )
-    if not enough:
-        return Failure(
-            FailureReason.NO_ROAD, f"{support.agreeing} cells of road, needs {limits.min_agreeing_cells}"
-        )
-    return fit, support, far_m
+        past = None if plane is None else plane.extrinsics(camera)
+    farthest = UNKNOWN_PX if past is None else config.disparity.margin * road_disparity(camera, past)
+    return match(left, right, camera, config.disparity, step, farthest)
 
 
 def begin_road(
-    left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, matcher: Matcher | None = None
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    config: PipelineConfig,
+    matcher: Matcher | None = None,
+    hint: Hint | None = None,
 ) -> RoadAttempt:
     """The stages that keep every core busy: are the pictures usable, and their dense disparity.
 
@@ -203,23 +225,41 @@ def begin_road(
     attempt.lap("image")
     if attempt.failure is None:
         match = matcher or find_matcher(config.disparity.matcher)
-        attempt.disparity = match(left, right, camera, config.disparity)
+        attempt.disparity = _match(match, left, right, camera, config, hint or Hint())
         attempt.lap("disparity")
     return attempt
 
 
 def estimate_road(
-    left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, matcher: Matcher | None = None
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    config: PipelineConfig,
+    matcher: Matcher | None = None,
+    hint: Hint | None = None,
 ) -> RoadResult:
-    """(H, W) uint8 grey pair to its road by `config.method`; a pair without a road says why."""
-    return finish_road(begin_road(left, right, camera, config, matcher), left, right, camera, config)
+    """(H, W) uint8 grey pair to its road by `config.method`; a pair without a road says why.
+
+    The paper's chain is run beside it whatever the method, for whoever compares.
+    """
+    begun = begin_road(left, right, camera, config, matcher, hint)
+    return finish_road(begun, left, right, camera, config, hint, compare=True)
 
 
 def finish_road(
-    attempt: RoadAttempt, left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig
+    attempt: RoadAttempt,
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    config: PipelineConfig,
+    hint: Hint | None = None,
+    compare: bool = False,
 ) -> RoadResult:
-    """From the dense disparity of `begin_road` to the road; these stages take little more than one core."""
-    disparity = attempt.disparity
+    """From the dense disparity of `begin_road` to the road; these stages take little more than one core.
+
+    compare: the paper's chain too, where the method is another one.
+    """
+    disparity, hint = attempt.disparity, hint or Hint()
     if disparity is None:
         return attempt.result(None, attempt.failure)
     lower = disparity.values[disparity.values.shape[0] // 2 :]
@@ -228,61 +268,100 @@ def finish_road(
         "disparity", "valid share, lower half", valid, low=config.disparity.min_valid_fraction
     ):
         return attempt.failed(FailureReason.NO_DISPARITY, f"{valid:.0%} of the lower half has a disparity")
-
-    bin_px = config.free_map.bin_px
-    bins = int(np.ceil(config.disparity.max_disparity_px / bin_px))
-    u_counts = uv_disparity.u_disparity(disparity.values, bin_px, bins)
-    obstacles, free = free_map.separate(disparity, u_counts, bin_px, camera, config.free_map)
-    attempt.u_counts, attempt.obstacles, attempt.free = u_counts, obstacles, free
-    attempt.lap("free_map")
-
-    found = _paper_on_lane(attempt, disparity, free, camera, config)
-    attempt.lap("profile")
+    region = _region(attempt, disparity, camera, config, hint)
+    if isinstance(region, Failure):
+        return attempt.result(None, region)
+    extrinsics = region.plane.extrinsics(camera)
+    _, attempt.free_fraction = lane.road_mask(
+        disparity, region_free(attempt), camera, extrinsics, config.lane
+    )
+    attempt.road = region.cells
+    attempt.check("region", "share of the way ahead", region.share)
+    attempt.check("region", "on the plane", region.planar)
+    if config.method == "paper" or compare:
+        attempt.paper = fit_on_region(disparity, region, camera, config.profile)
+        attempt.lap("profile")
+    if config.method == "direct":
+        found = _direct(attempt, left, right, camera, region, disparity.step_px, config)
+    else:
+        found = _by_profile(attempt)
     if isinstance(found, Failure):
         return attempt.result(None, found)
-    fit, support, far_m = found
-    extrinsics, covariance, inliers = fit.extrinsics, fit.covariance, fit.profile.inliers
-    road, free_fraction = lane.road_mask(disparity, free, camera, extrinsics, config.lane)
-    attempt.road, attempt.free_fraction = road, free_fraction
-
-    if config.method == "direct":
-        reach_m = min(config.direct.far_m, far_m)
-        direct = fit_direct(left, right, camera, extrinsics, road, disparity.step_px, reach_m, config.direct)
-        attempt.direct = direct
-        attempt.lap("direct")
-        if direct is None:
-            return attempt.failed(FailureReason.FLAT_TEXTURE, "too few patches of the lane have texture")
-        if not attempt.check(
-            "direct", "patches on the plane", direct.agreement, low=config.direct.min_agreement
-        ):
-            return attempt.failed(
-                FailureReason.NOT_PLANAR,
-                f"{direct.agreement:.0%} of the lane's patches on one plane, needs {config.direct.min_agreement:.0%}",
-            )
-        rough_mm, most_mm = 1e3 * direct.roughness_m, 1e3 * config.direct.max_roughness_m
-        if not attempt.check("direct", "near road over the plane, rms", rough_mm, high=most_mm, unit="mm"):
-            return attempt.failed(
-                FailureReason.NOT_PLANAR,
-                f"the near road is {rough_mm:.0f} mm rms off its plane, at most {most_mm:.1f}",
-            )
-        extrinsics, covariance = direct.extrinsics, direct.covariance
-        inliers = int(np.count_nonzero(direct.patches.weight))
-
-    sigma = np.sqrt(np.diag(covariance))
-    limits = config.limits
-    attempt.check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")
-    attempt.check("estimate", "height sigma", sigma[0], high=limits.max_height_sigma_m, unit="m")
-    attempt.check(
-        "estimate",
-        "pitch sigma",
-        np.rad2deg(sigma[1]),
-        high=np.rad2deg(limits.max_pitch_sigma_rad),
-        unit="deg",
-    )
-    attempt.check(
-        "estimate", "roll sigma", np.rad2deg(sigma[2]), high=np.rad2deg(limits.max_roll_sigma_rad), unit="deg"
-    )
-    failure = limits_failure(extrinsics, sigma, limits)
+    failure = _believed(attempt, found, config.limits)
     if failure is not None:
         return attempt.result(None, failure)
-    return attempt.result(RoadEstimate(extrinsics, covariance, inliers, free_fraction, support.range_m), None)
+    e, covariance, inliers = found
+    return attempt.result(RoadEstimate(e, covariance, inliers, attempt.free_fraction, region.range_m), None)
+
+
+Found = tuple[Extrinsics, NDArray[np.float64], int]
+"""Extrinsics, their (3, 3) covariance, and what agrees with them."""
+
+
+def region_free(attempt: RoadAttempt) -> Mask:
+    """The free map, which is there wherever a region is."""
+    assert attempt.free is not None
+    return attempt.free
+
+
+def _by_profile(attempt: RoadAttempt) -> Found | Failure:
+    fit = attempt.paper
+    if fit is None:
+        return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the region")
+    return fit.extrinsics, fit.covariance, fit.profile.inliers
+
+
+def _direct(
+    attempt: RoadAttempt,
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    region: Region,
+    step_px: int,
+    config: PipelineConfig,
+) -> Found | Failure:
+    """The direct alignment over the region, with what a road must fulfil."""
+    scaled = _scaled(config.direct, region)
+    direct = fit_direct(left, right, camera, region, step_px, scaled)
+    attempt.direct = direct
+    attempt.lap("direct")
+    if direct is None:
+        return Failure(FailureReason.FLAT_TEXTURE, "too few patches of the road have texture")
+    if not attempt.check("direct", "patches on the plane", direct.agreement, low=scaled.min_agreement):
+        return Failure(
+            FailureReason.NOT_PLANAR,
+            f"{direct.agreement:.0%} of the road's patches on one plane, needs {scaled.min_agreement:.0%}",
+        )
+    rough_mm, most_mm = 1e3 * direct.roughness_m, 1e3 * scaled.max_roughness_m
+    if not attempt.check("direct", "near road over the plane, rms", rough_mm, high=most_mm, unit="mm"):
+        return Failure(
+            FailureReason.NOT_PLANAR,
+            f"the near road is {rough_mm:.0f} mm rms off its plane, at most {most_mm:.1f}",
+        )
+    # Where much of the lane ahead is seen and lies off the plane, the plane is one side of a crown, or of a kerb.
+    other = scaled.other_side_rad * (1.0 - region.planar) ** 3
+    turning = scaled.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
+    covariance = direct.covariance + np.diag([0.0, 0.0, other**2 + turning**2])
+    return direct.extrinsics, covariance, int(np.count_nonzero(direct.patches.weight))
+
+
+def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
+    """The lane that the plane is meant for, as this camera sees it: from the nearest road in the picture."""
+    near_m = min(config.near_m, region.reach.near_m)
+    far_m = region.reach.far_m
+    return dataclasses.replace(
+        config, near_m=near_m, far_m=far_m, rough_range_m=config.rough_range * region.reach.near_m
+    )
+
+
+def _believed(attempt: RoadAttempt, found: Found, limits: LimitsConfig) -> Failure | None:
+    """OUT_OF_RANGE or TOO_UNCERTAIN, and their numbers among the checks."""
+    extrinsics, covariance, _ = found
+    sigma = np.sqrt(np.diag(covariance))
+    degrees = np.rad2deg(sigma)
+    check = attempt.check
+    check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")
+    check("estimate", "height sigma", sigma[0], high=limits.max_height_sigma * extrinsics.height_m, unit="m")
+    check("estimate", "pitch sigma", degrees[1], high=np.rad2deg(limits.max_pitch_sigma_rad), unit="deg")
+    check("estimate", "roll sigma", degrees[2], high=np.rad2deg(limits.max_roll_sigma_rad), unit="deg")
+    return limits_failure(extrinsics, sigma, limits)

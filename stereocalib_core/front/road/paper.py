@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import ProfileConfig
 from stereocalib_core.front.road.profile import Profile, collect, fit_profile, search_profile
+from stereocalib_core.front.road.region import Region
 from stereocalib_core.front.road.roll_vote import RollVote, vote_roll
 from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import (
     Extrinsics,
     StereoCamera,
     extrinsics_from_profile,
+    road_profile,
     roll_from_slope,
     slope_from_roll,
 )
@@ -55,9 +58,11 @@ def fit_paper(
     camera: StereoCamera,
     config: ProfileConfig,
     single_pass: bool = False,
+    start: tuple[float, float, float] | None = None,
 ) -> PaperFit | None:
     """Profile on the v-disparity of `mask`, roll by eq. 12, profile again with the roll taken out of the rows.
 
+    start: tilt, slope and intercept of the first line; None = looked for among `mask`'s cells.
     `single_pass` keeps the paper's order: pitch and height from the first profile. None without a road.
     """
     wide = collect(
@@ -66,7 +71,7 @@ def fit_paper(
     )  # fmt: skip
     inside = np.abs(wide[0] - camera.cx_px) * camera.baseline_m <= config.corridor_half_width_m * wide[2]
     u, v, d = (array[inside] for array in wide)
-    start = search_profile(u, v, d, camera, config)
+    start = start or search_profile(u, v, d, camera, config)
     if start is None:
         return None
     tilt, slope, intercept = start
@@ -95,3 +100,20 @@ def fit_paper(
     extrinsics = Extrinsics(extrinsics.height_m, extrinsics.pitch_rad, roll_rad)
     vote = roll or RollVote(0.0, float(np.deg2rad(3.0)) ** 2, 0, 0)
     return PaperFit(extrinsics, covariance_of(camera, profile, vote, pitch, config), first, profile, roll)
+
+
+def fit_on_region(
+    disparity: DisparityMap, region: Region, camera: StereoCamera, config: ProfileConfig
+) -> PaperFit | None:
+    """The chain on the cells of the road's region, from its plane."""
+    e = region.plane.extrinsics(camera)
+    slope, intercept = road_profile(camera, e)
+    farthest = camera.focal_px * camera.baseline_m / region.reach.far_m
+    scaled = dataclasses.replace(
+        config,
+        min_disparity_px=farthest,
+        roll_min_disparity_px=farthest,
+        min_inliers=min(config.min_inliers, region.count // 4 + 1),
+    )
+    start = slope_from_roll(e.roll_rad, e.pitch_rad), slope, intercept
+    return fit_paper(disparity, region.cells, camera, scaled, start=start)

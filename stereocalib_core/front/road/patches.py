@@ -23,32 +23,31 @@ def lay_patches(
     near: float,
     far: float,
     half_lane: float,
+    slope: float,
+    curvature: float,
     allowed: NDArray[np.bool_],
     solid_sums: NDArray[np.int32],
     step: int,
     min_solid: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Centres u, v (N,) and road distance (N,) of a tiling of the lane; `allowed` is on the disparity grid.
+    """Centres u, v (N,) and road distance (N,) of a tiling of the lane about the car's way (`Way`).
+
+    `allowed` is on the disparity grid.
 
     A patch's centre is allowed, and so is at least `min_solid` of it once pinholes are closed (`solid_sums`:
     sums of that mask), or it would hang over a kerb.
     """
     us, vs, zs = [], [], []
     rows, columns = allowed.shape
+    sides = int(width / (2 * half_u + 1)) + 1
     for v in range(height - 3 - half_v, int(half_v) + 2, -(2 * half_v + 1)):
-        middle = plane[0] * (v - cy) + plane[2]
-        if middle <= 1.0:
-            break
-        if f * b / middle > 1.3 * far:
-            break
-        reach = int(half_lane / b * middle) + 1
-        for k in range(-(reach // (2 * half_u + 1)), reach // (2 * half_u + 1) + 1):
+        for k in range(-sides, sides + 1):
             u = int(cx) + k * (2 * half_u + 1)
             d = plane[0] * (v - cy) + plane[1] * (u - cx) + plane[2]
             if d <= 1.0:
                 continue
             z = f * b / d
-            if z < near or z > far or abs((u - cx) * b / d) > half_lane:
+            if z < near or z > far or abs((u - cx) * b / d - slope * z - 0.5 * curvature * z * z) > half_lane:
                 continue
             if u - half_u - 2 < 0 or u + half_u + 3 > width or u - d - half_u - 4 < 0:
                 continue

@@ -1,6 +1,6 @@
-"""Direct road-plane alignment: left against right over the disparity plane of the car's own lane.
+"""Direct road-plane alignment: left against right over the disparity plane of the road's own region.
 
-The lane is tiled with small patches. Each patch is warped by the current plane, aligned by one
+The region about the car's way is tiled with small patches. Each patch is warped by the current plane, aligned by one
 Gauss-Newton step in disparity (its own gain and bias, so exposure and shade do not matter), and the plane
 is fitted robustly to the patches' offsets. Repeating this converges to the photometric optimum over the
 plane's three parameters while cars, kerbs and specular spots show as single patches and drop out; the
@@ -13,6 +13,7 @@ plane the least-squares plane of the surface rather than of the image.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import cv2
@@ -20,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig
+from stereocalib_core.front.matching import shrunk
 from stereocalib_core.front.road.patches import align, lay_patches, offsets_of
+from stereocalib_core.front.road.region import Region
 from stereocalib_core.front.road.surface import (
     SLOTS,
     bends,
@@ -31,7 +34,7 @@ from stereocalib_core.front.road.surface import (
     unseen_share,
 )
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
-from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.arrays import Array, Grey
 from stereocalib_core.numeric.threads import shared_pool
 
 
@@ -71,36 +74,43 @@ def fit_direct(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
     camera: StereoCamera,
-    start: Extrinsics,
-    allowed: NDArray[np.bool_],
+    region: Region,
     step_px: int,
-    reach_m: float,
     config: DirectConfig,
 ) -> DirectFit | None:
-    """Align right (H, W) to left (H, W) over the road plane, from `start`; `allowed` (h, w) is the free map.
+    """Align right (H, W) to left (H, W) over the road's region on the disparity grid, from its plane.
 
-    The plane is meant over the whole lane of `config`; only what is nearer than `reach_m` is looked at.
+    The plane is meant over the lane about the car's way, from the region's nearest to `far_m` of `config`; only
+    what the region covers is looked at, and the road beside the lane where the lane itself is hardly seen.
 
     None when too few patches have texture or the fit degenerates.
     """
-    plane = start.disparity_plane(camera)
-    parameters = np.array([plane.a, plane.b, plane.c_px])
+    left, right, camera, grid = _alike_kitti(left, right, camera, step_px)
+    start, way = region.plane_at(camera), region.strip
+    wide = region.share < config.wide_below
+    as_seen = wide or way.curvature_per_m != 0.0
+    parameters = np.array([start.a, start.b, start.c_px])
     f, cx, cy, b = (float(x) for x in (camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m))
     half_u, half_v = config.patch_half_width_px, config.patch_half_height_px
+    half_m = config.wide_half_width_m if wide else config.fit_half_width_m
     us, vs, z = lay_patches(
-        camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v,
-        config.near_m, reach_m, config.fit_half_width_m, *_solid(allowed, config), step_px, config.min_solid,
+        camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v, *region.range_m, half_m,
+        way.slope, way.curvature_per_m, *_solid(region.cells, config), grid, config.min_solid,
     )  # fmt: skip
     if len(us) < config.min_patches:
         return None
-    x_m = (us - cx) * z / f
+    height_m = start.extrinsics(camera).height_m
+    x_m = (us - cx) * z / f - way.slope * z - 0.5 * way.curvature_per_m * z**2
     J_plane = np.column_stack([vs - cy, us - cx, np.ones(len(us))])
-    px_per_m = f * b / (start.height_m * z)
-    J_bends = bends(x_m, z, config) * px_per_m[:, None]
+    px_per_m = f * b / (height_m * z)
+    if as_seen:
+        x_m, config = _over_region(x_m, z, config)
+    shapes = bends(x_m, z, config)
+    J_bends = shapes * px_per_m[:, None]
     J = np.hstack([J_plane, J_bends])
-    area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * start.height_m)
+    area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * height_m)
     shared = np.maximum(config.uneven_length_m**2 / area, 1.0)
-    beside = config.uneven_beside * np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
+    off_lane = config.uneven_beside * np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
     sums, trust = np.empty((len(us), 6)), np.ones(len(us))
     pixels = (2 * half_u + 1) * (2 * half_v + 1)
     unevenness = config.initial_unevenness_m
@@ -114,7 +124,7 @@ def fit_direct(
             return None
         noise = sigmas[seen] ** 2 + config.noise_floor_px**2
         road = px_per_m[seen] ** 2
-        variance = noise + (unevenness**2 * shared[seen] + beside[seen] ** 2) * road
+        variance = noise + (unevenness**2 * shared[seen] + off_lane[seen] ** 2) * road
         try:
             fit = fit_lane(J[seen], offsets[seen], variance, config)
         except np.linalg.LinAlgError:
@@ -131,8 +141,10 @@ def fit_direct(
         return None
     extrinsics = DisparityPlane(*(float(p) for p in parameters)).extrinsics(camera)
     over_plane_m = (offsets - J_plane @ fit.solution[:SLOTS]) / px_per_m
-    in_lane = seen & (np.abs(x_m) <= config.lane_half_width_m)
-    if not in_lane.any():
+    # Where the whole region is meant, camber and twist are its own shape and no roughness.
+    rough_m = over_plane_m - (shapes @ fit.solution[SLOTS:] if as_seen else 0.0)
+    judged = seen if as_seen else seen & (np.abs(x_m) <= config.lane_half_width_m)
+    if not judged.any():
         return None
     covariance = fit.covariance + unmodelled_covariance(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
@@ -145,9 +157,37 @@ def fit_direct(
         to_extrinsics @ covariance[:SLOTS, :SLOTS] @ to_extrinsics.T,
         PatchFit(us.astype(np.float64), vs.astype(np.float64), z, over_plane_m * px_per_m, sigmas, trust),
         unevenness,
-        float(np.mean(np.abs(over_plane_m[in_lane]) < config.agree_height_m)),
-        _roughness(over_plane_m, z, in_lane, config),
+        float(np.mean(np.abs(rough_m[judged]) < config.agree_height_m)),
+        _roughness(rough_m, z, judged, config),
     )
+
+
+def _over_region(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, DirectConfig]:
+    """Patches' place across, from the middle of the region, and the settings with the region in the lane's place."""
+    area = z_m**3
+    middle = np.average(x_m, weights=area)
+    # a strip of even width spreads by its half width over the root of three
+    half = np.sqrt(3.0 * np.average((x_m - middle) ** 2, weights=area))
+    return x_m - middle, dataclasses.replace(
+        config,
+        near_m=float(z_m.min()),
+        far_m=float(z_m.max()),
+        lane_half_width_m=float(half),
+        max_unevenness_m=config.max_unevenness_wide_m,
+    )
+
+
+def _alike_kitti(
+    left: Grey, right: Grey, camera: StereoCamera, step_px: int
+) -> tuple[Grey, Grey, StereoCamera, int]:
+    """Pictures, camera and the disparity grid's step in them, at the size at which a grid of two pixels is theirs.
+
+    Finer pictures would show patches nothing but their own unevenness, at many times the work.
+    """
+    by = max(step_px // 2, 1)
+    if by == 1:
+        return left, right, camera, step_px
+    return shrunk(left, by), shrunk(right, by), camera.shrunk(by), step_px // by
 
 
 def _align_on_two(

@@ -81,6 +81,14 @@ def _best_of_cells(
     return found[:count]
 
 
+def at_half_size(disparity: DisparityMap) -> NDArray[np.float32]:
+    """(H // 2, W // 2) of a map on any grid, at least as large; on coarser grids a cell stands for its pixels."""
+    step = disparity.step_px
+    if step <= 2:
+        return disparity.values if step == 2 else disparity.values[::2, ::2]
+    return disparity.values.repeat(step // 2, axis=0).repeat(step // 2, axis=1)
+
+
 def find_corners(
     camera: StereoCamera,
     left: Grey,
@@ -98,7 +106,7 @@ def find_corners(
     settings = config or TracksConfig()
     rules, patch = settings.corners, settings.patch
     score = np.asarray(cv2.cornerMinEigenVal(half_left, 5, ksize=3), dtype=np.float32)
-    values = disparity.values if disparity.step_px == 2 else disparity.values[::2, ::2]
+    values = at_half_size(disparity)
     rows, columns = min(score.shape[0], values.shape[0]), min(score.shape[1], values.shape[1])
     p = extrinsics.disparity_plane(camera)
     # half-size column j is u = 2 j + 0.5

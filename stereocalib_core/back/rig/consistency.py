@@ -1,0 +1,114 @@
+"""Frames whose road this rig cannot have stood on: measured well, but not the road of the frames around them.
+
+In a turn a lawn, a pavement or the crossing street may fill the view for a second, planar and connected, and be
+measured to the millimetre. What it cannot do is agree with the road before and after. A knocked rig can: from the
+knock on it agrees with what follows, so a frame is compared with both sides and the kinder one counts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from stereocalib_core.config import ConsistencyConfig
+from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.numeric.arrays import Array, Mask
+from stereocalib_core.results import FrameResult, estimates
+
+AXES = (
+    ("height", "m", 1.0, 2),
+    ("pitch", "deg", float(np.rad2deg(1.0)), 1),
+    ("roll", "deg", float(np.rad2deg(1.0)), 1),
+)
+
+
+def consistent(results: Sequence[FrameResult], config: ConsistencyConfig) -> list[FrameResult]:
+    """The same results, those that contradict their neighbours INCONSISTENT, with by how much."""
+    values = estimates(results)
+    sigma = np.full_like(values, np.nan)
+    for i, result in enumerate(results):
+        if result.road is not None:
+            sigma[i] = result.road.sigma
+    kept = np.isfinite(values).all(axis=1)
+    around = np.full_like(values, np.nan)
+    # What was left out no longer speaks for its neighbours: once more without it.
+    for _ in range(config.rounds):
+        around = _around(values, kept, config)
+        found = np.isfinite(values).all(axis=1) & ~_contradicts(values - around, sigma, values[:, 0], config)
+        if np.array_equal(found, kept):
+            break
+        kept = found
+    checked = list(results)
+    for i in np.flatnonzero(np.isfinite(values).all(axis=1) & ~kept):
+        detail = _told(values[i], around[i], sigma[i], config)
+        checked[i] = dataclasses.replace(
+            results[i], road=None, failure=Failure(FailureReason.INCONSISTENT, detail)
+        )
+    return checked
+
+
+def near_smoothed(
+    results: Sequence[FrameResult], smoothed: Array, config: ConsistencyConfig
+) -> list[FrameResult]:
+    """The same against (N, 3) height [m], pitch, roll [rad] of the smoothed rig at each frame."""
+    near = dataclasses.replace(
+        config, height=config.near_height, pitch_deg=config.near_angle_deg, roll_deg=config.near_angle_deg
+    )
+    checked = list(results)
+    for i, result in enumerate(results):
+        if result.road is None or not np.isfinite(smoothed[i]).all():
+            continue
+        value, sigma = estimates([result]), result.road.sigma[None]
+        if _contradicts(value - smoothed[i], sigma, value[:, 0], near)[0]:
+            detail = _told(value[0], smoothed[i], sigma[0], near)
+            checked[i] = dataclasses.replace(
+                result, road=None, failure=Failure(FailureReason.INCONSISTENT, detail)
+            )
+    return checked
+
+
+def _around(values: Array, kept: Mask, config: ConsistencyConfig) -> Array:
+    """(N, 3) the rig by the frames around: the median of either side that speaks, whichever is nearer; NaN: none."""
+    n = len(values)
+    around = np.full_like(values, np.nan)
+    places = np.flatnonzero(kept)
+    for i in range(n):
+        first, after = np.searchsorted(places, [i, i + 1])
+        sides = [places[max(first - config.window, 0) : first], places[after : after + config.window]]
+        sides = [side[np.abs(side - i) <= config.reach] for side in sides]
+        speaking = [side for side in sides if len(side) >= config.least_side]
+        if not speaking:
+            both = np.concatenate(sides)
+            if len(both) < config.least_frames:
+                continue
+            speaking = [both]
+        medians = np.array([np.median(values[side], axis=0) for side in speaking])
+        off = np.abs(medians - values[i]) / _limits(values[i, 0], config)
+        around[i] = medians[int(np.argmin(off.max(axis=1)))]
+    return around
+
+
+def _limits(height_m: float | Array, config: ConsistencyConfig) -> Array:
+    """(..., 3) how far height [m], pitch, roll [rad] may be from those around, whatever sigma says."""
+    height = config.height * np.asarray(height_m)
+    pitch, roll = np.deg2rad([config.pitch_deg, config.roll_deg])
+    return np.stack([height, np.full_like(height, pitch), np.full_like(height, roll)], axis=-1)
+
+
+def _contradicts(off: Array, sigma: Array, height_m: Array, config: ConsistencyConfig) -> Mask:
+    beyond = (np.abs(off) > _limits(height_m, config)) & (np.abs(off) > config.sigmas * sigma)
+    return np.asarray(beyond.any(axis=1))
+
+
+def _told(value: Array, around: Array, sigma: Array, config: ConsistencyConfig) -> str:
+    off = np.abs(value - around) / _limits(value[0], config)
+    axis = int(np.argmax(off))
+    name, unit, scale, digits = AXES[axis]
+    here, there = scale * value[axis], scale * around[axis]
+    times = abs(here - there) / (scale * sigma[axis])
+    return (
+        f"{name} {here:.{digits}f} {unit} where the frames around have {there:.{digits}f}: "
+        f"{here - there:+.{digits}f} {unit}, {times:.0f} sigma"
+    )
