@@ -66,3 +66,13 @@ def chromium_path() -> str:
             "STEREOCALIB_REQUIRE_BROWSER",
         )
     return str(path)
+
+
+@pytest.fixture(scope="session")
+def kitti_raw_0005(data_dir: Path) -> Path:
+    return data_dir / "kitti_raw" / "2011_09_26" / "2011_09_26_drive_0005_sync"
+
+
+@pytest.fixture(scope="session")
+def karlsruhe(data_dir: Path) -> Path:
+    return data_dir / "karlsruhe"

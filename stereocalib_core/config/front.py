@@ -211,7 +211,7 @@ class DirectConfig:
     """1 sigma of roll (2.5 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
     share: roads are crowned by up to 5 % to either side. Tuned on the snowy street of Karlsruhe, checked on LiDAR."""
     turning_roll_rad: float = 0.0131
-    """1 sigma of roll (0.75 deg) that is added where the lane is that of a turn: one road's crossfall, or the other's."""
+    """1 sigma of roll (0.75 deg) added where the lane is that of a turn: one road's crossfall or another's."""
     min_patches: int = 40
     agree_height_m: float = 0.06
     rough_range: float = 2.0

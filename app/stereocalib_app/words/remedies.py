@@ -63,4 +63,16 @@ REMEDIES: Final[dict[FailureReason, tuple[str, str]]] = {
         "the plane found cannot be the road under this camera",
         "check baseline and focal length of the calibration",
     ),
+    FailureReason.INCONSISTENT: (
+        "a plane was measured, but not the road of the frames around: a lawn, a pavement, a crossing street",
+        "nothing to mend; if the rig was moved just here, frames on both sides must show it",
+    ),
+    FailureReason.CALIBRATION: (
+        "pictures and calibration do not belong together: another size, crop or focal length",
+        "use the calibration of these very pictures, or scale it with them",
+    ),
+    FailureReason.UNSYNCHRONISED: (
+        "left and right were not taken at the same moment",
+        "trigger both cameras together; shift one list of pictures by the lag that is named",
+    ),
 }

@@ -31,17 +31,18 @@ def consistent(results: Sequence[FrameResult], config: ConsistencyConfig) -> lis
     for i, result in enumerate(results):
         if result.road is not None:
             sigma[i] = result.road.sigma
-    kept = np.isfinite(values).all(axis=1)
+    measured: Mask = np.asarray(np.isfinite(values).all(axis=1))
+    kept = measured
     around = np.full_like(values, np.nan)
     # What was left out no longer speaks for its neighbours: once more without it.
     for _ in range(config.rounds):
         around = _around(values, kept, config)
-        found = np.isfinite(values).all(axis=1) & ~_contradicts(values - around, sigma, values[:, 0], config)
+        found = measured & ~_contradicts(values - around, sigma, values[:, 0], config)
         if np.array_equal(found, kept):
             break
         kept = found
     checked = list(results)
-    for i in np.flatnonzero(np.isfinite(values).all(axis=1) & ~kept):
+    for i in np.flatnonzero(measured & ~kept).tolist():
         detail = _told(values[i], around[i], sigma[i], config)
         checked[i] = dataclasses.replace(
             results[i], road=None, failure=Failure(FailureReason.INCONSISTENT, detail)

@@ -104,9 +104,9 @@ def _draw(u: Array, v: Array, d: Array, cumulative: Array, count: int) -> Array:
             seed ^= seed << np.uint64(17)
             share = float(seed >> np.uint64(11)) / 9007199254740992.0
             pick[m] = min(np.searchsorted(cumulative, share * cumulative[-1]), len(u) - 1)
-        i, j, m = pick
+        i, j, h = pick
         v1, u1, d1 = v[j] - v[i], u[j] - u[i], d[j] - d[i]
-        v2, u2, d2 = v[m] - v[i], u[m] - u[i], d[m] - d[i]
+        v2, u2, d2 = v[h] - v[i], u[h] - u[i], d[h] - d[i]
         det = v1 * u2 - v2 * u1
         if abs(det) < 100.0:
             continue

@@ -279,7 +279,7 @@ def grow(
             relative, config.tolerance_noise * noise, config.near_length * reach.near_m, on, weight,
         )  # fmt: skip
         closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, hole)
-        n, labels = connected(closed)
+        n, labels = connected(np.asarray(closed, dtype=np.uint8))
         if n < 2:
             return None
         piece = int(np.argmax(_piece_weights(labels, on, weight, n)))

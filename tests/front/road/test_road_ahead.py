@@ -117,4 +117,4 @@ def test_sigma_of_a_drive_over_ramps_covers_its_errors() -> None:
     assert large.sum() >= 20, "the ramps leave the plane near by"
     assert known[large].mean() >= 0.9
     assert (ratio[known, :2] < 2.0).mean() >= 0.95
-    assert np.rad2deg(sigma)[~known, 1].max() < 0.3, "and nobody pays for it on the flat"
+    assert np.quantile(np.rad2deg(sigma)[~known, 1], 0.9) < 0.2, "and nobody pays for it on the flat"
