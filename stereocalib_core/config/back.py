@@ -209,7 +209,7 @@ class ConsistencyConfig:
     roll_deg: float = 3.5
     """The same of pitch and roll [deg]: braking turns a body by one, crests and crossfalls of crossings by the rest."""
     near_height: float = 0.085
-    near_angle_deg: float = 1.4
+    near_angle_deg: float = 1.48
     """The same against the smoothed rig of that very moment, which knows of crests and crossfalls."""
     sigmas: float = 4.0
     """... and by so many of the frame's own sigma as well."""
