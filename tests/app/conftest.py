@@ -89,7 +89,7 @@ def warm_page(browser: Any, hub: Hub) -> Any:
     """The page of a hub in a browser, ready to be clicked."""
     opened = browser.new_page()
     opened.goto(f"http://127.0.0.1:{hub.server.get_port()}/")
-    opened.wait_for_selector(".uplot", timeout=60_000)
+    opened.wait_for_selector("stereocalib-timeline canvas", timeout=60_000)
     until(lambda: hub.server.get_clients(), what="browser connected")
     opened.evaluate("() => document.querySelector('.mantine-Notification-closeButton')?.click()")
     opened.evaluate(WARM)
@@ -153,7 +153,7 @@ def open_page(browser: Any) -> Iterator[Callable[[Hub], Any]]:
         page.on("request", note)
         before = set(hub.server.get_clients())
         page.goto(f"http://{own}/")
-        page.wait_for_selector(".uplot", timeout=60_000)
+        page.wait_for_selector("stereocalib-timeline canvas", timeout=60_000)
         until(lambda: set(hub.server.get_clients()) - before, what="browser connected")
         page.client_id = max(set(hub.server.get_clients()) - before)
         return page

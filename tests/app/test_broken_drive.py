@@ -15,7 +15,10 @@ import pytest
 from conftest import start_page, stop_page, until
 from stereocalib_app.drive import exports
 from stereocalib_app.drive.earlier_run import open_run
-from stereocalib_app.drive.panels import debug
+from stereocalib_app.drive.frame_views import Look
+from stereocalib_app.drive.signals.extrinsics import extrinsics
+from stereocalib_app.drive.signals.row import Known
+from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.server.hub import Hub
 
 from stereocalib_core.errors import SourceError
@@ -58,8 +61,8 @@ def hub(broken_folder: Path) -> Iterator[Hub]:
 
 
 def test_failures_are_found_with_their_reasons(hub: Hub) -> None:
-    options = debug.failure_options(hub.shared.session.snapshot)
-    assert options == (f"{DARK_FRAME} · DARK", f"{MISSING_FRAME} · MISSING_PAIR")
+    spans = failed_spans(hub.shared.session.snapshot.results)
+    assert [span.words for span in spans] == [f"{DARK_FRAME} · DARK", f"{MISSING_FRAME} · MISSING_PAIR"]
     hub.shared.playback.seek(0)
     assert hub.shared.playback.seek_failure(1) == DARK_FRAME
     until(lambda: hub.shared.shown_frame == DARK_FRAME, what="dark frame shown")
@@ -120,7 +123,7 @@ def test_a_finished_run_opens_again(hub: Hub, broken_folder: Path) -> None:
     assert after.drive.poses is not None
     assert before.drive is not None
     np.testing.assert_allclose(after.drive.poses, before.drive.poses, atol=1e-4)
-    assert session.views.get(0, "all stages").jpeg[:2] == b"\xff\xd8"
+    assert session.views.get(0, Look("left image")).jpeg[:2] == b"\xff\xd8"
     session.close()
 
 
@@ -131,7 +134,7 @@ def test_a_run_whose_pictures_are_gone_still_shows_its_numbers(hub: Hub, broken_
     session = open_run(folder)
     assert len(session.source) == FRAMES
     assert "pictures not found" in session.source.notices[0]
-    assert session.views.get(0, "all stages").jpeg
+    assert session.views.get(0, Look("left image")).jpeg
 
 
 def test_another_run_is_laid_beside(hub: Hub, broken_folder: Path) -> None:
@@ -140,7 +143,9 @@ def test_another_run_is_laid_beside(hub: Hub, broken_folder: Path) -> None:
     hub.compare(page, folder.name)
     until(lambda: page.parts["Open"]._difference.content, what="difference")
     assert "height" in page.parts["Open"]._difference.content
-    other = next(c for c in page.parts["Time line"]._charts[0].curves if c.name == "compared")
+    moment = hub.desk._last[page.name][0]
+    known = Known(moment.snapshot, page.session.source.timestamps_s, None, moment.paths, moment.compared)
+    other = next(trace for trace in extrinsics(known)[0].traces if trace.name == "other run")
     assert np.isfinite(other.values).any()
     hub.compare(page, "")
     until(lambda: page.compared is None and not page.parts["Open"]._difference.content, what="taken away")

@@ -86,7 +86,7 @@ def test_links_bombs_and_rubbish_are_refused(tmp_path: Path, monkeypatch: pytest
         unpack("x.zip", zipped({"a.png": b"x" * 11}), tmp_path / "a")
     monkeypatch.setattr(library, "UPLOAD_BYTES", 10)
     with pytest.raises(SourceError, match="too large"):
-        unpack("x.zip", zipped({"a": b"x"}), tmp_path)
+        unpack("x.zip", zipped({"a.png": b"x"}), tmp_path)
 
 
 @pytest.mark.parametrize(

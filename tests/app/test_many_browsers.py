@@ -10,8 +10,9 @@ import numpy as np
 import psutil
 import pytest
 from conftest import until
-from stereocalib_app.benches.raw_client import RawClient, frames_in
+from stereocalib_app.benches.raw_client import LinkClient, RawClient, Received, frames_in
 from stereocalib_app.server.hub import Hub
+from stereocalib_app.server.viser_internals import identifier
 
 
 def connect(hub: Hub) -> tuple[RawClient, Any]:
@@ -24,31 +25,37 @@ def connect(hub: Hub) -> tuple[RawClient, Any]:
 
 
 def test_playback_sends_consistent_frames(fresh: Hub) -> None:
-    """A window names one frame and brings its picture; the rate itself is a matter of the bench."""
+    """A message names one frame and brings its picture; the rate itself is a matter of the bench."""
     playback = fresh.shared.playback
+    look = fresh.shared._look(0, fresh.shared.settings)
     for frame in range(playback.total):
-        fresh.shared.session.views.get(frame, "all stages")
-    client = RawClient(fresh.server.get_port())
+        fresh.shared.session.views.get(frame, look, moving=True)
+    client, line = RawClient(fresh.server.get_port()), LinkClient(fresh.server.get_port())
     client.listen(1.0)
     playback.set_loop(True)
     playback.play()
-    windows = client.listen(4.0)
+    windows: list[list[Received]] = []
+    reader = threading.Thread(target=lambda: windows.extend(client.listen(4.0)))
+    reader.start()
+    told = [m for m in line.listen(4.0) if m.head["t"] == "now"]
+    reader.join()
     playback.play(False)
-    shown = frames_in(windows)
-    changes = [b for a, b in zip(shown, shown[1:], strict=False) if a[1] != b[1]]
-    assert all(pictures == 1 for _, _, pictures in changes)
+    changes = [b for a, b in zip(told, told[1:], strict=False) if a.head["frame"] != b.head["frame"]]
+    assert len(changes) >= 12
+    assert all(change.pictured for change in changes)
+    assert all(change.body[:2] == b"\xff\xd8" for change in changes)
     sliders = [
         (m.fields["updates"]["value"], frame)
         for window in windows
-        for frame in [f for _, f, _ in frames_in([window])]
+        for _, frame in frames_in([window])
         for m in window
         if m.kind == "GuiUpdateMessage"
-        and m.fields["uuid"] == fresh.shared.parts["Time line"]._slider._impl.uuid
+        and m.fields["uuid"] == identifier(fresh.shared.parts["Time line"]._slider)
     ]
     assert sliders
     assert all(value == frame for value, frame in sliders)
-    assert len(changes) >= 12
     client.close()
+    line.close()
 
 
 def test_scrubbing_shows_everything_within_half_a_second(fresh: Hub) -> None:
@@ -63,11 +70,12 @@ def test_scrubbing_shows_everything_within_half_a_second(fresh: Hub) -> None:
 
 
 def test_a_slow_browser_slows_nobody(fresh: Hub) -> None:
-    slow, quick = RawClient(fresh.server.get_port()), RawClient(fresh.server.get_port())
+    port = fresh.server.get_port()
+    slow, quick = LinkClient(port), LinkClient(port)
     quick.listen(1.0)
     fresh.shared.playback.set_loop(True)
     fresh.shared.playback.play()
-    shown = {frame for _, frame, _ in frames_in(quick.listen(4.0))}
+    shown = {told.head["frame"] for told in quick.listen(4.0) if told.pictured}
     fresh.shared.playback.play(False)
     assert len(shown) >= 8
     slow.close()

@@ -17,7 +17,6 @@ from conftest import own_box, press, shown_frame, slider_entry, tab, until, warm
 from stereocalib_app.cli.arguments import build_parser
 from stereocalib_app.drive.frame_views import MOVING_PX
 from stereocalib_app.drive.page_words import from_words
-from stereocalib_app.drive.render import WIDTH_PX
 from stereocalib_app.server.hub import Hub
 
 pytestmark = pytest.mark.browser
@@ -124,8 +123,7 @@ def test_paths_can_be_hidden(page: Any, fresh: Hub) -> None:
 
 
 def test_one_stage_large(page: Any, fresh: Hub) -> None:
-    page.get_by_role("combobox").first.click()
-    page.get_by_role("option", name="v-disparity").click()
+    page.get_by_role("button", name="Show v-disparity large").click()
     until(lambda: fresh.shared.settings.layout == "v-disparity", what="layout")
     until(lambda: page.get_by_text("A flat road is a straight line").is_visible(), what="explanation")
 
@@ -147,7 +145,7 @@ def test_exports(page: Any, label: str, name: str, tmp_path: Path) -> None:
         press(page, label)
     path = tmp_path / name
     download.value.save_as(path)
-    assert download.value.suggested_filename == name
+    assert download.value.suggested_filename == f"06_frames_0-19_{name}"
     if name.endswith(".png"):
         picture = cv2.imread(str(path))
         assert picture.shape[0] > 800
@@ -288,21 +286,22 @@ def test_a_frame_compiles_no_shader_again(page: Any, fresh: Hub) -> None:
 
 
 def test_pictures_are_smaller_while_the_drive_plays(page: Any, fresh: Hub) -> None:
-    width = "() => Math.max(...[...document.images].map(i => i.naturalWidth))"
-    until(lambda: page.evaluate(width) == WIDTH_PX, what="full picture at rest")
+    width = "() => Number(document.querySelector('.sc-picture').dataset.size.split('x')[0])"
+    whole = fresh.shared.session.source.camera.width
+    until(lambda: page.evaluate(width) == whole, what="full picture at rest")
     fresh.shared.playback.set_speed(0.25)
     press(page, "play")
     until(lambda: page.evaluate(width) == MOVING_PX, what="smaller picture")
     press(page, "pause")
-    until(lambda: page.evaluate(width) == WIDTH_PX, what="full picture again")
+    until(lambda: page.evaluate(width) == whole, what="full picture again")
 
 
 def test_a_panel_that_is_folded_away_takes_no_style_with_it(page: Any) -> None:
-    border = "() => getComputedStyle(document.querySelector('.uplot-container')).borderTopWidth"
-    assert page.evaluate(border) == "0px"
+    border = "() => getComputedStyle(document.documentElement).getPropertyValue('--mantine-color-dimmed')"
+    dimmed = page.evaluate(border)
     corner = page.viewport_size["width"] - 13, 7
     page.mouse.click(*corner)
     until(lambda: page.get_by_role("button", name="Teach").count() == 0, what="right panel folded away")
-    assert page.evaluate(border) == "0px"
+    assert page.evaluate(border) == dimmed == "#9a9da3"
     page.mouse.click(*corner)
     until(lambda: page.get_by_role("button", name="Teach").count() == 1, what="right panel back")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 
+import cv2
 import numpy as np
 import pytest
-from stereocalib_app.drive import render
-from stereocalib_app.drive.frame_views import BoundedCache, cloud
+from stereocalib_app.drive import histograms, render, stage_table
+from stereocalib_app.drive.frame_views import BoundedCache, cloud, contact_sheet
+from stereocalib_app.drive.stage_table import STAGES, Seen
 from stereocalib_app.widgets import canvas, palette
 
 from stereocalib_core.errors import Failure, FailureReason
@@ -55,7 +57,7 @@ def seen() -> tuple[StereoFrame, RoadStages]:
 
 
 def test_horizon_is_drawn_where_geometry_says(seen: tuple[StereoFrame, RoadStages]) -> None:
-    picture = render.left_view(*seen, CAMERA, width=CAMERA.width)[canvas.BAR_PX :]
+    picture = render.left_view(*seen, CAMERA)
     yellow = np.abs(picture.astype(int) - palette.HORIZON).max(axis=2) < 60
     for u in (40, 200, 500):
         rows = np.flatnonzero(yellow[:, u])
@@ -66,27 +68,85 @@ def test_horizon_is_drawn_where_geometry_says(seen: tuple[StereoFrame, RoadStage
 
 def test_colours_mean_the_same_in_every_view(seen: tuple[StereoFrame, RoadStages]) -> None:
     frame, stages = seen
-    picture = render.free_map_view(frame, stages, 640, 320)[canvas.BAR_PX :]
+    picture = render.free_map_view(frame, stages, 640, 320)
     assert np.abs(picture[300, 500].astype(int) - palette.ROAD).max() < 40
     assert np.abs(picture[200, 40].astype(int) - palette.OBSTACLE).max() < 60
-    columns = render.u_disparity_view(stages, 320, 192)[canvas.BAR_PX :]
+    columns = histograms.u_disparity_view(stages, 320, 192)
     wall_row = int(30.5 / 96 * 192)
     assert columns[wall_row, 40, 0] > 180 > columns[wall_row, 40, 2]
 
 
-def test_every_layout_fits_and_keeps_its_title(seen: tuple[StereoFrame, RoadStages]) -> None:
-    for layout in ("all stages", *render.STAGE_NAMES):
-        picture = render.stages_view(*seen, CAMERA, layout)
-        assert picture.shape[1] == render.WIDTH_PX
+def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadStages]) -> None:
+    looked = Seen(*seen, CAMERA, TRUTH)
+    for name, stage in STAGES.items():
+        picture = stage_table.draw(name, looked)
         assert picture.dtype == np.uint8
-        assert picture[: canvas.BAR_PX, :200].max() > 200
+        if stage.axes == "image":
+            assert picture.shape == (CAMERA.height, CAMERA.width, 3)
+            assert stage_table.extent(name, looked) == (CAMERA.width, CAMERA.height)
+    assert stage_table.extent("v-disparity", looked) == (96.0, CAMERA.height)
+    assert stage_table.extent("u-disparity", looked) == (CAMERA.width, 96.0)
+
+
+def test_the_sheet_holds_every_stage_where_it_says(seen: tuple[StereoFrame, RoadStages]) -> None:
+    sheet, places = contact_sheet(list(STAGES), Seen(*seen, CAMERA, TRUTH))
+    assert [place.name for place in places] == list(STAGES)
+    for place in places:
+        assert place.x + place.width <= sheet.shape[1]
+        assert place.y + place.height <= sheet.shape[0]
+    free = next(place for place in places if place.name == "free map")
+    pixel = sheet[free.y + int(0.93 * free.height), free.x + int(0.78 * free.width)]
+    assert np.abs(pixel.astype(int) - palette.ROAD).max() < 40
+
+
+def test_left_minus_right_is_grey_only_over_the_true_road() -> None:
+    """A textured plane seen by both cameras: with the true road the difference vanishes, with another it does not."""
+    rng = np.random.default_rng(3)
+    texture = cv2.GaussianBlur(
+        rng.uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32), (0, 0), 1.5
+    )
+    texture = cv2.normalize(texture, None, 20, 235, cv2.NORM_MINMAX)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
+    plane = TRUTH.disparity_plane(CAMERA)
+    # The right camera sees at u what the left one sees at u + d(u, v), solved by a few steps.
+    at = u.copy()
+    for _ in range(20):
+        at = u + np.maximum(plane.disparity(CAMERA, at, v), 0.0)
+    right = cv2.remap(texture, at.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    road = np.asarray(plane.disparity(CAMERA, u[::2, ::2] + 0.5, v[::2, ::2] + 0.5) > 5.0)
+    values = np.where(road, 10.0, np.nan).astype(np.float32)
+    counts = np.zeros((4, 4), np.int32)
+    stages = RoadStages(
+        DisparityMap(values, 2), 1.0, counts, counts, counts, ~road, road, road, None, None, None, None, ()
+    )
+    frame = StereoFrame(0, 0.0, texture.astype(np.uint8), right.astype(np.uint8))
+    inner = np.s_[220:300, 250:600]
+
+    def spread(extrinsics: Extrinsics) -> float:
+        picture = render.difference_view(frame, stages, CAMERA, extrinsics)[inner].astype(int)
+        return float(np.abs(picture[..., 0] - picture[..., 2]).mean())
+
+    assert 4.0 * spread(TRUTH) < spread(Extrinsics.from_degrees(1.6, 2.3, 3.0))
+
+
+def test_lidar_points_are_coloured_by_their_height_over_the_road() -> None:
+    ahead = (TRUTH.T_camera_road @ np.array([0.0, 0.0, 9.0, 1.0]))[:3]
+    above = (TRUTH.T_camera_road @ np.array([1.5, -2.0, 9.0, 1.0]))[:3]
+    points = np.array([[*ahead, 0], [*above, 0]], np.float32)
+    frame = StereoFrame(0, 0.0, np.zeros((CAMERA.height, CAMERA.width), np.uint8), None, None, points)
+    picture = render.lidar_view(frame, CAMERA, np.eye(4), TRUTH)
+    table = canvas.lookup_table("viridis").astype(int)
+    share = (0.0 - render.HEIGHTS_M[0]) / (render.HEIGHTS_M[1] - render.HEIGHTS_M[0])
+    for point, wanted in ((ahead, table[int(255 * share)]), (above, table[255])):
+        x, y, _ = CAMERA.project(point)
+        assert np.abs(picture[int(y), int(x)].astype(int) - wanted).max() <= 6
 
 
 def test_bad_frames_are_pictures_too() -> None:
     failure = Failure(FailureReason.MISSING_PAIR, "no right image")
     frame = StereoFrame(3, 0.3, None, None, failure)
-    assert render.left_view(frame, None, CAMERA).shape[1] == render.WIDTH_PX
-    assert render.stages_view(frame, None, CAMERA).shape[1] == render.WIDTH_PX
+    for name in STAGES:
+        assert stage_table.draw(name, Seen(frame, None, CAMERA)).shape[1] == CAMERA.width
     points, colors = cloud(frame, None, CAMERA)
     assert points.shape == colors.shape == (1, 3)
 

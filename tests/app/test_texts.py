@@ -12,6 +12,7 @@ import pytest
 from stereocalib_app.drive.panels import debug, faults
 from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Snapshot
+from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.drive.summary import path_legend
 from stereocalib_app.widgets import palette, text
 from stereocalib_app.widgets.chart import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
@@ -87,9 +88,9 @@ def test_failures_are_listed_in_runs() -> None:
         good(5),
         failed(6, FailureReason.DARK),
     )
-    options = debug.failure_options(Snapshot(7, results))
-    assert options == ("1 to 3 · DARK", "4 · NO_ROAD", "6 · DARK")
-    assert [debug.frame_of(option) for option in options] == [1, 4, 6]
+    spans = failed_spans(results)
+    assert [span.words for span in spans] == ["1 to 3 · DARK", "4 · NO_ROAD", "6 · DARK"]
+    assert [debug.frame_of(span.words) for span in spans] == [1, 4, 6]
 
 
 def test_limits_that_failed_are_marked() -> None:

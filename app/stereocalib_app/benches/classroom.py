@@ -49,7 +49,7 @@ def student(watcher: Watcher, seed: int, total: int, stop: threading.Event, tall
     def arrived(window: list[Received]) -> bool:
         # What the lead shows comes too, for elements that are hidden here.
         own = [m for m in window if m.fields.get("uuid") not in led]
-        others = [f for _, f, _ in frames_in([own]) if f != frame]
+        others = [f for _, f in frames_in([own]) if f != frame]
         with tally.lock:
             tally.wrong += len(others)
         return consistent(own, frame, slider)

@@ -11,6 +11,7 @@ import contextlib
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from stereocalib_app.benches.chromium import FLAGS, find_browser
-from stereocalib_app.benches.raw_client import RawClient, Received, frames_in
+from stereocalib_app.benches.raw_client import LinkClient, RawClient, Received, frames_in, name_in
 
 SCRUBS, SLIDES = 40, 60
 PLAY_S = 10.0
@@ -49,9 +50,11 @@ class Watcher:
         self.client.say_hello()
         self.controls: dict[str, dict[str, Any]] = {}
         self.elements: set[str] = set()
+        self.me: dict[str, Any] = {}
         self.until(lambda window: bool(frames_in([window])))
         self.first_s = time.monotonic() - began
         self.listen(1.5)
+        self.line = LinkClient(port, self.me)
 
     def until(self, good: Callable[[list[Received]], bool]) -> list[Received]:
         """Wait for a window of messages that is wanted."""
@@ -72,6 +75,7 @@ class Watcher:
 
     def _receive(self, timeout_s: float) -> list[Received]:
         window = self.client.receive(timeout_s)
+        self.me = self.me or name_in([window])
         for message in window:
             props = message.fields.get("props") or {}
             if props and "uuid" in message.fields:
@@ -87,8 +91,8 @@ class Watcher:
 
 
 def consistent(window: list[Received], frame: int, slider: str) -> bool:
-    """Whether one window brings a frame's headline and picture, and the slider, if it moves, agrees."""
-    named = [f for _, f, pictures in frames_in([window]) if pictures]
+    """Whether one window brings a frame's headline, and the slider, if it moves, agrees."""
+    named = [f for _, f in frames_in([window])]
     sliders = [
         m.fields["updates"]["value"]
         for m in window
@@ -105,6 +109,7 @@ def scrub_times(watcher: Watcher, total: int) -> list[float]:
         began = time.monotonic()
         watcher.set("Frame", int(frame))
         watcher.until(lambda window, wanted=int(frame): consistent(window, wanted, slider))  # type: ignore[misc]
+        watcher.line.until(lambda told, wanted=int(frame): told.pictured and told.head["frame"] == wanted)  # type: ignore[misc]
         times.append(time.monotonic() - began)
         watcher.listen(0.1)
     return times
@@ -125,13 +130,17 @@ def slide_times(watcher: Watcher) -> list[float]:
 
 
 def played(watcher: Watcher) -> list[float]:
-    """Moments at which a new frame arrived with its picture, while the drive plays at twice its pace."""
+    """Moments at which a new frame arrived with its picture, while the drive plays at twice its pace; viser's
+    windows, with the scene, are read beside it."""
     watcher.set("Frame", 0)
     watcher.set("Loop", True)
     watcher.set("Speed", PLAY_SPEED)
     watcher.set("play", "play")
     watcher.listen(1.0)
-    shown = [(t, f) for t, f, pictures in frames_in(watcher.listen(PLAY_S)) if pictures]
+    reader = threading.Thread(target=watcher.listen, args=(PLAY_S,))
+    reader.start()
+    shown = [(told.time_s, told.head["frame"]) for told in watcher.line.listen(PLAY_S) if told.pictured]
+    reader.join()
     watcher.set("play", "pause")
     watcher.listen(0.5)
     return [b[0] for a, b in zip(shown, shown[1:], strict=False) if a[1] != b[1]]
@@ -142,8 +151,8 @@ COUNT = """seconds => new Promise(done => { let n = 0, last = '';
     const t = p ? p.textContent.match(/Frame (\\d+)/)[1] : ''; if (t && t !== last) { n += last ? 1 : 0; last = t; } };
   const timer = setInterval(look, 8);
   setTimeout(() => { clearInterval(timer); done(n / seconds); }, 1000 * seconds); })"""
-READY = """() => /Frame \\d+ of/.test(document.body.innerText) && document.querySelector('.uplot canvas') &&
-  [...document.images].some(i => i.complete && i.naturalWidth > 500)"""
+READY = """() => /Frame \\d+ of/.test(document.body.innerText) &&
+  document.querySelector('.sc-picture')?.dataset.frame"""
 
 
 def in_chromium(address: str, browser: str, total: int) -> dict[str, float]:

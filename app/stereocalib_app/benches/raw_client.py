@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +27,10 @@ class Received:
 class RawClient:
     """Connects as a page of the same origin would and decodes viser's messages."""
 
-    def __init__(self, port: int, origin: str | None = "") -> None:
-        self.own = f"http://127.0.0.1:{port}" if origin == "" else origin
+    def __init__(self, port: int, origin: str | None = "", host: str = "127.0.0.1") -> None:
+        self.own = f"http://{host}:{port}" if origin == "" else origin
         self._socket = connect(
-            f"ws://127.0.0.1:{port}",
+            f"ws://{host}:{port}",
             origin=self.own,  # type: ignore[arg-type]
             subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
             max_size=None,
@@ -92,16 +94,94 @@ class RawClient:
         self._socket.close()
 
 
-def frames_in(windows: list[list[Received]]) -> list[tuple[float, int, int]]:
-    """Time, frame number of the headline, and number of pictures of every window that names a frame."""
+def frames_in(windows: list[list[Received]]) -> list[tuple[float, int]]:
+    """Time and frame number of every headline in viser's windows."""
     found = []
     for window in windows:
-        pictures = sum("_data" in m.fields.get("updates", {}) for m in window if m.kind == "GuiUpdateMessage")
         for message in window:
             if message.kind != "GuiUpdateMessage":
                 continue
             content = str(message.fields["updates"].get("content", ""))
             match = re.search(r"Frame (\d+)</b> of", content)
             if match:
-                found.append((message.time_s, int(match.group(1)), pictures))
+                found.append((message.time_s, int(match.group(1))))
     return found
+
+
+def name_in(windows: list[list[Received]]) -> dict[str, Any]:
+    """Who the server says that this browser is, for our own line; empty where it has not said."""
+    for message in (m for window in windows for m in window):
+        text = str((message.fields.get("props") or {}).get("content", ""))
+        found = re.search(r'data-client="(\d+)" data-key="([^"]+)"', text)
+        if found:
+            return {"client": int(found.group(1)), "key": found.group(2)}
+    return {}
+
+
+@dataclass
+class Told:
+    """A message of our own line: when it came, its head, and the bytes behind it."""
+
+    time_s: float
+    head: dict[str, Any]
+    body: bytes
+
+    @property
+    def pictured(self) -> bool:
+        """Whether it brings the picture of the frame that it names."""
+        return self.head.get("picture", {}).get("frame", -1) == self.head.get("frame")
+
+
+class LinkClient:
+    """Our own line without a browser; says at once that it has shown what it was sent."""
+
+    def __init__(self, port: int, me: dict[str, Any] | None = None, origin: str | None = "") -> None:
+        own = f"http://127.0.0.1:{port}" if origin == "" else origin
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}/own/link",
+            origin=own,  # type: ignore[arg-type]
+            max_size=None,
+            compression=None,
+            open_timeout=20,
+            close_timeout=0.5,
+        )
+        self.say({"t": "hello", **(me or {}), "state": None})
+
+    def say(self, message: dict[str, Any]) -> None:
+        """Send a message."""
+        self._socket.send(json.dumps(message))
+
+    def receive(self, timeout_s: float) -> Told | None:
+        """The next message, None after the timeout."""
+        try:
+            raw = self._socket.recv(timeout=timeout_s)
+        except TimeoutError:
+            return None
+        assert isinstance(raw, bytes)
+        size = int.from_bytes(raw[:4], "big")
+        told = Told(time.monotonic(), json.loads(raw[4 : 4 + size]), raw[4 + size :])
+        if told.head["t"] == "now":
+            self.say({"t": "shown"})
+        return told
+
+    def until(self, good: Callable[[Told], bool], timeout_s: float = 30.0) -> Told:
+        """The first message that is wanted."""
+        end = time.monotonic() + timeout_s
+        while (rest := end - time.monotonic()) > 0:
+            told = self.receive(rest)
+            if told is not None and good(told):
+                return told
+        raise TimeoutError("the line did not answer")
+
+    def listen(self, seconds: float) -> list[Told]:
+        """All messages that arrive within a time."""
+        end, found = time.monotonic() + seconds, []
+        while (rest := end - time.monotonic()) > 0:
+            told = self.receive(rest)
+            if told is not None:
+                found.append(told)
+        return found
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()

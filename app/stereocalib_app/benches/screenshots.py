@@ -110,7 +110,7 @@ def take(hub: Hub, out: Path, browser_path: str) -> list[Path]:
             page = context.pages[0]
             page.set_default_timeout(60_000)
             page.goto(f"http://127.0.0.1:{hub.server.get_port()}/")
-            page.wait_for_selector(".uplot")
+            page.wait_for_selector(".sc-picture[data-frame]")
             time.sleep(4 * SETTLE_S)
             page.evaluate("() => document.querySelector('.mantine-Notification-closeButton')?.click()")
             for name, prepare in SCENES:

@@ -25,19 +25,19 @@ class LidarView:
         stop_server(self.server)
 
 
-def start(folder: Path, host: str = "127.0.0.1", port: int = 8080) -> LidarView:
+def start(folder: Path, host: str = "127.0.0.1", port: int = 8080, token: str | None = None) -> LidarView:
     """Start the page and return at once; `server.get_port()` says where. Raises for a folder that is none."""
     session = LidarSession(folder)
-    server = create_server(host, port)
+    server = create_server(host, port, token)
     page = LidarPage(server, session)
     session.start()
     return LidarView(server, session, page)
 
 
-def serve(folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
+def serve(folder: Path, host: str = "127.0.0.1", port: int = 8080, token: str | None = None) -> None:
     """Show a folder in the browser until Ctrl-C. Prints the page's address when it is ready."""
-    view = start(folder, host, port)
+    view = start(folder, host, port, token)
     try:
-        until_stopped(view.server, host)
+        until_stopped(view.server, host, token)
     finally:
         view.close()

@@ -6,47 +6,9 @@ import argparse
 from pathlib import Path
 from typing import NoReturn
 
+from stereocalib_app.cli.help_texts import EXIT_CODES, SOURCE_HELP, TOP
 from stereocalib_core import __version__
 from stereocalib_core.errors import ConfigError
-
-SOURCE_HELP = """\
-sources (SOURCE is recognised by what is in it):
-  .../sequences/06            KITTI odometry sequence; truth from ../../poses/06.txt when there
-  .../2011_09_26_drive_0009_sync
-                              KITTI raw drive; truth from OXTS, scans from velodyne_points;
-                              KITTI-360; single pairs of KITTI stereo 2012, 2015, object
-  .../MH_01_easy              EuRoC / ASL recording (mav0/cam0, cam1)
-  FOLDER                      left/ right/, cam0/ cam1/, left01.png right01.png ..., and a
-                              calibration of any dialect; optional times, poses, scans
-  DRIVE.zip                   a zip of any of these
-  bag:FILE[?left=TOPIC&right=TOPIC&lidar=TOPIC&truth=TOPIC]
-                              ROS 1 or 2 bag, MCAP; topics are found where there is one choice
-  synthetic[:NAME][?key=value&...]
-                              a rendered drive with known truth: town, curves, straight, plane,
-                              e.g. 'synthetic:town?frames=120&fault=night@40-46'
-  video:FILE?camera=camera.yaml[&layout=side-by-side|top-bottom|half-width]
-  video:LEFT,RIGHT?camera=camera.yaml, video:0?camera=camera.yaml
-                              one video, two videos, or a live camera
-  RUN_DIR                     what an earlier `run` wrote (view, compare)
-"""
-
-EXIT_CODES = """\
-exit codes: 0 fine, 2 bad usage or input, 3 finished but not to be trusted, 130 stopped by Ctrl-C
-"""
-
-TOP = f"""\
-examples:
-  stereocalib demo                              see it work, no data needed
-  stereocalib demo --frames 120 --fault night@40-46
-                                                why frames fail, on a drive broken on purpose
-  stereocalib run sequences/06 --out run06      numbers for a drive
-  stereocalib view sequences/06                 the same, live in a browser
-  stereocalib run sequences/07 --out run07 --rig run06/rig.yaml
-                                                carry yaw and lever arm over from another drive
-
-{SOURCE_HELP}
-{EXIT_CODES}
-`stereocalib COMMAND --help` explains one command."""
 
 SYNTH_KEYS = {
     "seed": ("N", "random seed"),
@@ -100,6 +62,12 @@ def _port(text: str) -> int:
     if not text.isdecimal() or not 0 < int(text[:9]) < 65536:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no port, 1...65535")
     return int(text)
+
+
+def _token(text: str) -> str:
+    if not 8 <= len(text) <= 100 or not all(c.isascii() and (c.isalnum() or c in "-_") for c in text):
+        raise argparse.ArgumentTypeError("a token is 8 to 100 letters, digits, - and _")
+    return text
 
 
 def _positive(text: str) -> int:
@@ -280,6 +248,14 @@ def _add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="H", help="default: 127.0.0.1, this machine only"
     )
+    token = parser.add_mutually_exclusive_group()
+    token.add_argument(
+        "--token",
+        type=_token,
+        metavar="T",
+        help="what browsers must bring in the address (default: a random one with a --host beyond this machine)",
+    )
+    token.add_argument("--no-token", action="store_true", help="let in whoever reaches this machine")
 
 
 def _add_fault(parser: argparse.ArgumentParser) -> None:

@@ -55,8 +55,25 @@ def _serve(spec: str, arguments: argparse.Namespace) -> None:
     settings = importlib.import_module("stereocalib_app.drive.page_words").from_words(arguments.set)
     _compile(spec)
     server = importlib.import_module("stereocalib_app.drive.serve")
-    how = server.Opening(limits=limits, tolerance=arguments.tolerance, settings=settings, frame=arguments.at)
+    how = server.Opening(
+        limits=limits,
+        tolerance=arguments.tolerance,
+        settings=settings,
+        frame=arguments.at,
+        token=_token(arguments),
+    )
     server.serve(spec, arguments.host, arguments.port, how)
+
+
+def _token(arguments: argparse.Namespace) -> str | None:
+    """What browsers must bring: what was said, or a random one where other machines reach the page."""
+    import secrets
+
+    from stereocalib_app.server.security import LOCAL_NAMES
+
+    if arguments.no_token or arguments.token is not None:
+        return arguments.token  # type: ignore[no-any-return]
+    return None if arguments.host in LOCAL_NAMES else secrets.token_urlsafe(16)
 
 
 def _with_calibration(spec: str, arguments: argparse.Namespace) -> str:
@@ -248,7 +265,7 @@ def view_lidar(arguments: argparse.Namespace) -> str | None:
     """The app on chessboard poses."""
     _need_folder(arguments.folder)
     importlib.import_module("stereocalib_app.boards.serve").serve(
-        arguments.folder, arguments.host, arguments.port
+        arguments.folder, arguments.host, arguments.port, _token(arguments)
     )
     return None
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.card import CardRow, card
+from stereocalib_core.frames import GroundTruth
 from stereocalib_core.results import ANGLES, Drive, LidarShift, Shift
 
 MOUNT = (
@@ -100,6 +102,67 @@ def pair_words(snapshot: Snapshot) -> str:
     return "" if snapshot.drive is None else plain_units(snapshot.drive.pair.why)
 
 
+def truth_words(truth: GroundTruth | None) -> str:
+    """What the truth of a recording is good for, in one place."""
+    if truth is None or (truth.poses is None and truth.extrinsics is None):
+        return "Truth: none in this recording; paths are told by their length alone."
+    parts = []
+    if truth.poses is not None:
+        whole = "the whole path, position and heading"
+        length = "the length of the path only (its heading is not reliable), so no error of position is shown"
+        parts.append(whole if truth.heading_reliable else length)
+    if truth.extrinsics is not None:
+        parts.append("height, pitch, roll and yaw of every frame")
+    return f"Truth: good for {'; '.join(parts)}."
+
+
+TWO_NUMBERS = (
+    "The mount above is what the whole drive says, each frame weighted by its σ and the car's own motion taken out; "
+    "the medians below are of single pairs, with that motion in them."
+)
+
+
+def lidar_rows(drive: Drive) -> list[CardRow]:
+    """Camera against LiDAR, where there are scans."""
+    if drive.lidar is None:
+        return []
+    check = drive.lidar
+    degrees = float(np.rad2deg(1.0))
+    parts = [
+        f"{name} {text.with_sigma(factor * r.median, factor * r.scatter, 3, unit)}"
+        for name, r, factor, unit in (
+            ("height", check.height_m, 1.0, " m"),
+            ("pitch", check.pitch_rad, degrees, "°"),
+            ("roll", check.roll_rad, degrees, "°"),
+        )
+    ]
+    rows = [CardRow("LiDAR − stereo", ", ".join(parts) + f" ({check.frames} frames, ± scatter)")]
+    shifts = "; ".join(shift_words(shift) for shift in check.shifts)
+    return [*rows, CardRow("LiDAR shifts", shifts or "none", bad=bool(shifts))]
+
+
+def pair_rows(drive: Drive) -> list[CardRow]:
+    """The pair's own calibration, as far as it was measured."""
+    pair, degrees = drive.pair, float(np.rad2deg(1.0))
+    kinds = (
+        ("relative pitch", pair.relative_pitch_rad, degrees, "°"),
+        ("relative roll", pair.relative_roll_rad, degrees, "°"),
+        ("relative yaw", pair.relative_yaw_rad, degrees, "°"),
+        ("disparity offset", pair.disparity_offset_px, 1.0, " px"),
+        ("row offset", pair.row_offset_px, 1.0, " px"),
+    )
+    rows = [CardRow("verdict", pair.verdict, bad=pair.verdict in ("suspect", "bad"))]
+    for name, found, factor, unit in kinds:
+        value = "not measured"
+        if found is not None:
+            value = text.with_sigma(factor * found.value, factor * found.sigma, 3, unit)
+        rows.append(CardRow(name, value))
+    if pair.depth_scale is not None:
+        value = text.with_sigma(pair.depth_scale.value, pair.depth_scale.sigma, 4, "")
+        rows.append(CardRow("depth scale", f"{value} (from {pair.depth_scale.source})"))
+    return rows
+
+
 def card_text(name: str, snapshot: Snapshot) -> str:
     """The card as plain text, to be copied."""
     title, rows = card_rows(snapshot)
@@ -113,4 +176,21 @@ def card_text(name: str, snapshot: Snapshot) -> str:
 def card_html(snapshot: Snapshot) -> str:
     """The card for the page; every string in it is escaped."""
     title, rows = card_rows(snapshot)
-    return card(title, rows, (pair_words(snapshot),))
+    judged = snapshot.drive is not None and snapshot.drive.mount.height_m is not None
+    return card(title, rows, (pair_words(snapshot), TWO_NUMBERS if judged else ""))
+
+
+def sections_html(snapshot: Snapshot, truth: GroundTruth | None, notices: Sequence[str]) -> str:
+    """Pair, LiDAR, and what the recording lacks or is good for: cards below the first one."""
+    drive = snapshot.drive
+    if drive is None:
+        return card("This recording", (), (truth_words(truth), *notices[:8]))
+    found = [card("Is the pair itself calibrated?", pair_rows(drive), (plain_units(drive.pair.why),))]
+    lidar = lidar_rows(drive)
+    if lidar:
+        found.append(
+            card("Do camera and LiDAR agree?", lidar, () if drive.lidar is None else (drive.lidar.unseen,))
+        )
+    lines = dict.fromkeys((*drive.notices, *notices))
+    found.append(card("This recording", (), (truth_words(truth), *list(lines)[:8])))
+    return "".join(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +22,11 @@ from stereocalib_core.run.self_calibrate import mended_by
 from stereocalib_core.sources import open_source
 
 
-def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
-    """An earlier run: its results as they were written, its pictures where the source is still there."""
+def open_run(folder: Path, limits: Limits = NO_LIMITS, door: Callable[[str], str] = str) -> Session:
+    """An earlier run: its results as they were written, its pictures where the source is still there.
+
+    door: says what a source may be opened as, and raises where it may not.
+    """
     drive = load_run(folder)
     first = int(drive.frames.frame[0])
     camera, finished, lost = whole_frames(folder, drive)
@@ -30,7 +34,7 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS) -> Session:
     finished = [from_frame(done, first) for done in finished]
     span = None
     try:
-        whole = open_source(drive.source)
+        whole = open_source(door(drive.source))
         if drive.mended is not None:
             whole = mended_by(whole, drive.mended)
         stop = min(first + len(finished), len(whole))

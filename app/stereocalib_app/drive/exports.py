@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import tempfile
 from collections.abc import Callable
@@ -18,11 +19,12 @@ from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Corrections, Settings
 from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.config import PipelineConfig, to_dict
-from stereocalib_core.errors import OutputError
+from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import write_extrinsics_csv
 from stereocalib_core.files.report import report_of
-from stereocalib_core.results import BEST, Drive, DrivePath
+from stereocalib_core.frames import GroundTruth
+from stereocalib_core.results import BEST, Drive, DrivePath, OdometryErrors
 from stereocalib_core.results.difference import Difference
 from stereocalib_core.run.compare import compare
 from stereocalib_core.system import whole_file
@@ -49,8 +51,20 @@ def shown_drive(session: Session, snapshot: Snapshot, corrections: Corrections) 
     if poses is not None:
         blank = DrivePath(poses, np.full((len(poses), 6, 6), np.nan), evaluate(poses, None))
         paths[BEST] = replace(paths.get(BEST, blank), poses=poses)
+        if corrections.touched:
+            paths[BEST] = replace(paths[BEST], errors=against(session.source.ground_truth, poses))
     first = 0 if session.frames is None or session.run_folder is not None else session.frames[0]
     return replace(drive, frames=replace(drive.frames, frame=drive.frames.frame + first), paths=paths)
+
+
+def against(truth: GroundTruth | None, poses: NDArray[np.float64]) -> OdometryErrors:
+    """A path against the truth, as far as it is good for that."""
+    if truth is None or truth.poses is None:
+        return evaluate(poses, None)
+    try:
+        return evaluate(poses, truth.poses[: len(poses)], truth.heading_reliable)
+    except StereoCalibError:
+        return evaluate(poses, None)
 
 
 def shown_poses(session: Session, snapshot: Snapshot, corrections: Corrections) -> NDArray[np.float64]:
@@ -112,6 +126,18 @@ def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes
             recorder.close(keep=done)
 
     return _written("recording.rrd", write)
+
+
+def file_name(session: Session, settings: Settings, name: str) -> str:
+    """The name of a file that leaves the page: drive, what differs from the plain result, and what it is."""
+    parts = [session.source.name, *(w for w in to_words(Settings(corrections=settings.corrections)))]
+    if session.frames is not None:
+        parts.append(f"frames {session.frames[0]}-{session.frames[1] - 1}")
+    whole = re.sub(r"[^\w.+=-]+", "_", "_".join(parts)).strip("_.")
+    return f"{whole[:LONGEST_NAME]}_{name}"
+
+
+LONGEST_NAME = 120
 
 
 def config_json(session: Session) -> str:

@@ -7,9 +7,10 @@ import textwrap
 
 import numpy as np
 
-from stereocalib_app.drive.panels.timeline import AXES, UNITS, axis_values, raw_values
+from stereocalib_app.drive.panels.corrections import describe
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Settings
+from stereocalib_app.drive.signals.extrinsics import AXES, axis_values, raw_values
 from stereocalib_app.widgets import palette
 
 
@@ -27,10 +28,10 @@ def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 3, width_ratios=(1.25, 1.25, 1.0))
     figure.suptitle(f"{session.source.name}: extrinsics of {len(snapshot.results)} frames", fontsize=13)
-    raw = raw_values(snapshot)
+    raw = raw_values(snapshot)[0]
     frames = np.arange(len(raw))
     failed = snapshot.failures()
-    for axis, name in enumerate(AXES):
+    for axis, (name, unit, _) in enumerate(AXES):
         ax = figure.add_subplot(grid[axis, :2])
         ax.plot(frames, raw[:, axis], ".", ms=3, color=_rgb(palette.RAW), label="this pair")
         if snapshot.drive is not None:
@@ -41,7 +42,7 @@ def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card:
             ax.plot(x, values, "-", lw=1.4, color=_rgb(palette.FILTERED), label="filtered ± σ")
         for frame in failed:
             ax.axvspan(frame - 0.5, frame + 0.5, color=_rgb(palette.FAILED), alpha=0.25, lw=0)
-        ax.set_ylabel(f"{name} [{UNITS[axis].strip()}]")
+        ax.set_ylabel(f"{name} [{unit}]")
         ax.grid(alpha=0.25)
         if axis == 0:
             ax.legend(loc="upper right", fontsize=8, framealpha=0.8)
@@ -66,6 +67,10 @@ def figure_sheet(session: Session, snapshot: Snapshot, settings: Settings, card:
                 lw=2.0 if name == "autocalibrated" else 1.1,
                 label=palette.VARIANT_NAME[name],
             )
+        if corrections.touched:
+            live = snapshot.paths.live(corrections).poses
+            name = f"live: {describe(corrections)}"
+            path.plot(live[:, 0, 3], live[:, 2, 3], color=_rgb(palette.LIVE), lw=1.6, label=name)
     path.set_aspect("equal", adjustable="datalim")
     path.set_xlabel("x [m]")
     path.set_ylabel("z [m]")

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_app.drive import render
+from stereocalib_app.drive import stage_table
+from stereocalib_app.drive.stage_table import STAGES, Seen
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.front.road.stages import RoadStages
@@ -84,20 +85,53 @@ class FrameStages:
 
 
 @dataclass(frozen=True)
+class Thumbnail:
+    """Where a stage is on the sheet of thumbnails [px]."""
+
+    name: str
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
 class FrameView:
-    """One frame ready to be sent: the picture (left image above the stages) as JPEG, the coloured cloud in the
-    camera frame [m], and the left image once more, small."""
+    """One frame ready to be sent.
+
+    jpeg: the stage on show, `size` (width, height) of it [px], `extent`: what its right and lower edge stand for.
+    sheet, thumbnails: all stages, small, on one JPEG. points, colors: the coloured cloud in the camera frame [m].
+    small: the left image once more, for the frustum.
+    """
 
     index: int
+    layout: str
     jpeg: bytes
+    size: tuple[int, int]
+    extent: tuple[float, float]
+    sheet: bytes
+    thumbnails: tuple[Thumbnail, ...]
     points: NDArray[np.float32]
     colors: NDArray[np.uint8]
     small: NDArray[np.uint8] | None
 
 
+@dataclass(frozen=True)
+class Look:
+    """How a frame is looked at: the stage on show, a second road with the page's corrections, the road it is judged
+    by where the pair itself has none, and what a lesson draws on it."""
+
+    layout: str
+    live: Extrinsics | None = None
+    road: Extrinsics | None = None
+    lesson: str = ""
+
+
 SMALL_PX = 320
 MOVING_PX = 640
 """Width of a picture while the drive plays."""
+THUMB_PX, THUMB_COLUMNS = 320, 2
+QUALITY, MOVING_QUALITY = 92, 75
 
 
 def small_picture(frame: StereoFrame) -> NDArray[np.uint8] | None:
@@ -129,17 +163,46 @@ def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -
     return points.astype(np.float32), colors[good]
 
 
+Mark = Callable[[canvas.Picture], None]
+Marks = Callable[[str, int, Extrinsics | None], Mark | None]
+"""From a lesson, a frame and its road to what is drawn on the left image."""
+
+
+def contact_sheet(names: Sequence[str], seen: Seen) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
+    """Every stage small, two in a row; and where each is."""
+    found = []
+    for name in names:
+        picture = stage_table.draw(name, seen)
+        height = max(1, round(picture.shape[0] * THUMB_PX / picture.shape[1]))
+        found.append(cv2.resize(picture, (THUMB_PX, height), interpolation=cv2.INTER_AREA))
+    rows = [found[i : i + THUMB_COLUMNS] for i in range(0, len(found), THUMB_COLUMNS)]
+    heights = [max(p.shape[0] for p in row) for row in rows]
+    sheet = np.full((sum(heights), THUMB_PX * THUMB_COLUMNS, 3), palette.PAPER, np.uint8)
+    places: list[Thumbnail] = []
+    for row, y in zip(rows, np.cumsum([0, *heights[:-1]]), strict=True):
+        for column, picture in enumerate(row):
+            x, h = column * THUMB_PX, picture.shape[0]
+            sheet[y : y + h, x : x + THUMB_PX] = picture
+            places.append(Thumbnail(names[len(places)], x, int(y), THUMB_PX, h))
+    return sheet, tuple(places)
+
+
 class FrameViews:
     """Makes and keeps the views of one drive."""
 
-    def __init__(self, source: FrameSource, stages: Callable[[StereoFrame], RoadStages | None]) -> None:
-        self._source, self._make_stages = source, stages
+    def __init__(
+        self,
+        source: FrameSource,
+        stages: Callable[[StereoFrame], RoadStages | None],
+        marks: Marks = lambda _lesson, _index, _road: None,
+    ) -> None:
+        self._source, self._make_stages, self._marks = source, stages, marks
         self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
         self._makers = ThreadPoolExecutor(AHEAD_THREADS, "views ahead")
         self._ahead: list[Future[FrameView]] = []
         self._views: BoundedCache[FrameView] = BoundedCache(
             PICTURE_CACHE_BYTES,
-            lambda v: len(v.jpeg) + v.points.nbytes + v.colors.nbytes,
+            lambda v: len(v.jpeg) + len(v.sheet) + v.points.nbytes + v.colors.nbytes,
         )
 
     def keep(self, frame: StereoFrame, stages: RoadStages | None) -> None:
@@ -155,33 +218,56 @@ class FrameViews:
 
         return self._stages.get(index, make)
 
-    def get(self, index: int, layout: str, live: Extrinsics | None = None, moving: bool = False) -> FrameView:
-        """The frame's picture in a layout; `live` draws a second road with those extrinsics; a `moving` picture is
-        smaller: browsers without a graphics card take most of their time for large ones."""
+    def get(self, index: int, look: Look, moving: bool = False) -> FrameView:
+        """The frame as it is looked at; a `moving` picture is smaller: browsers without a graphics card take most of
+        their time for large ones."""
+        return self._views.get((index, look, moving), lambda: self._make(index, look, moving))
 
-        def make() -> FrameView:
-            seen = self.stages(index)
-            camera = self._source.camera
-            points, colors = cloud(seen.frame, seen.stages, camera)
-            picture = render.composed_view(seen.frame, seen.stages, camera, layout, live)
-            if moving:
-                size = MOVING_PX, round(picture.shape[0] * MOVING_PX / picture.shape[1])
-                picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-            return FrameView(index, canvas.encode_jpeg(picture), points, colors, small_picture(seen.frame))
+    def _make(self, index: int, look: Look, moving: bool) -> FrameView:
+        found = self.stages(index)
+        camera = self._source.camera
+        own = (
+            None
+            if found.stages is None or found.stages.estimate is None
+            else found.stages.estimate.extrinsics
+        )
+        marks = None if not look.lesson else self._marks(look.lesson, index, own or look.road)
+        T = self._source.T_camera_lidar
+        seen = Seen(found.frame, found.stages, camera, own or look.road, look.live, T, marks)
+        picture = stage_table.draw(look.layout, seen)
+        sheet, thumbnails = contact_sheet(self._names(), seen)
+        if moving and picture.shape[1] > MOVING_PX:
+            size = MOVING_PX, round(picture.shape[0] * MOVING_PX / picture.shape[1])
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        quality = MOVING_QUALITY if moving else QUALITY
+        points, colors = cloud(found.frame, found.stages, camera)
+        return FrameView(
+            index,
+            look.layout,
+            canvas.encode_jpeg(picture, quality),
+            (picture.shape[1], picture.shape[0]),
+            stage_table.extent(look.layout, seen),
+            canvas.encode_jpeg(sheet, MOVING_QUALITY),
+            thumbnails,
+            points,
+            colors,
+            small_picture(found.frame),
+        )
 
-        return self._views.get((index, layout, live, moving), make)
+    def _names(self) -> list[str]:
+        return [name for name in STAGES if name != "LiDAR" or self._source.T_camera_lidar is not None]
 
-    def has(self, index: int, layout: str, live: Extrinsics | None = None, moving: bool = False) -> bool:
+    def has(self, index: int, look: Look, moving: bool = False) -> bool:
         """Whether `get` would answer at once."""
-        return (index, layout, live, moving) in self._views
+        return (index, look, moving) in self._views
 
-    def make_ahead(self, wanted: Sequence[tuple[int, Extrinsics | None]], layout: str) -> None:
+    def make_ahead(self, wanted: Sequence[tuple[int, Look]]) -> None:
         """Make moving views in the background that will be asked for soon; what was asked for last time is
         forgotten."""
         for future in self._ahead:
             future.cancel()
         try:
-            self._ahead = [self._makers.submit(self.get, index, layout, live, True) for index, live in wanted]
+            self._ahead = [self._makers.submit(self.get, index, look, True) for index, look in wanted]
         except RuntimeError:
             # Closed meanwhile: the page that asked is on its way out.
             self._ahead = []

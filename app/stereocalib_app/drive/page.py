@@ -9,7 +9,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
-from stereocalib_app.drive.moment import Moment
+from stereocalib_app.drive.frame_views import Look
+from stereocalib_app.drive.moment import Moment, filtered_at
 from stereocalib_app.drive.panel import Doors
 from stereocalib_app.drive.panels.header import HeaderPanel
 from stereocalib_app.drive.panels.plots import PlotsPanel
@@ -57,6 +58,9 @@ class Keeper(Protocol):
     def compare(self, page: Page, text: str) -> None:
         """Lay an earlier run beside the drive of a page."""
 
+    def shown(self, page: Page, moment: Moment, version: int) -> None:
+        """A page shows a moment."""
+
 
 class Page(PageBase):
     """Owns its clock, its settings, its panels and its part of the scene."""
@@ -82,11 +86,15 @@ class Page(PageBase):
             partial(keeper.open_upload, self),
             partial(keeper.reopen, self),
             partial(keeper.compare, self),
+            keeper.library.resolve,
+            keeper.library.name_of,
         )
         self.compared: Drive | None = None
         self._roots: list[Any] = []
         self._last: tuple[int, int, Settings, ClockState, int] | None = None
         self._revision = 0
+        self._signals: tuple[Any, ...] = (None, None, None)
+        self._version = 0
         self._closed = False
         self._book = PathBook(session.source.ground_truth)
         self.playback = Playback(
@@ -141,11 +149,7 @@ class Page(PageBase):
             return False
         if self._keeper.may_steer(self, event.client_id):
             return True
-        event.client.add_notification(
-            "The lecturer leads",
-            "Choose “Explore on my own” below to move freely.",
-            auto_close_seconds=6.0,
-        )
+        self.tell(event.client, "The lecturer leads", "Choose “Explore on my own” below to move freely.")
         self.refresh()
         return False
 
@@ -157,8 +161,14 @@ class Page(PageBase):
 
     def choose(self, preset: str) -> None:
         """Change the preset; each starts with its own view."""
-        layout = LESSONS[self.settings.teach_step].layout if preset == "Teach" else "all stages"
+        layout = LESSONS[self.settings.teach_step].layout if preset == "Teach" else "left image"
         self.change(preset=preset, layout=layout)
+
+    def restore(self, settings: Settings, frame: int) -> None:
+        """Show what a link says."""
+        self.change(**{name: getattr(settings, name) for name in vars(settings)})
+        self.playback.play(False)
+        self.playback.seek(frame)
 
     def set_follow(self, follow: bool) -> None:
         """Follow the car, or stand back so far that the whole drive is in sight."""
@@ -185,7 +195,7 @@ class Page(PageBase):
     def _notify(self, title: str, words: str) -> None:
         """Tell every browser that shows this page."""
         for client in self._keeper.viewers(self):
-            client.add_notification(title, words, auto_close_seconds=5.0)
+            self.tell(client, title, words, 5.0)
 
     def set_compared(self, run: Drive | None) -> None:
         """Lay another run beside this one."""
@@ -209,11 +219,28 @@ class Page(PageBase):
             return None
         return paths.road_at(frame, settings.corrections)
 
+    def _look(self, frame: int, settings: Settings) -> Look:
+        """How a frame is looked at under the page's settings."""
+        filtered = filtered_at(self.session.snapshot, frame)
+        road = None if filtered is None else filtered[0]
+        result = self.session.snapshot.result(frame)
+        lesson = LESSONS[settings.teach_step].title if settings.preset == "Teach" else ""
+        return Look(
+            settings.layout,
+            self._live_road(frame, settings),
+            None if result is None or result.ok else road,
+            lesson,
+        )
+
     def _tick(self, clock: ClockState) -> None:
         """Called by the clock's worker only."""
         snapshot, settings, last = self.session.snapshot, self.settings, self._last
         key = (clock.frame, snapshot.version, settings, clock, self._revision)
-        if self._closed or key == last:
+        if self._closed:
+            # Its elements are gone: a clock that went on would speak to nobody, for ever.
+            self.playback.close()
+            return
+        if key == last:
             return
         frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
         settings_changed = last is None or last[2] != settings or last[4] != self._revision
@@ -244,8 +271,7 @@ class Page(PageBase):
             self._show(moment)
         if frame_changed or settings_changed:
             views = self.session.views_with(settings.broken_stage)
-            live = self._live_road(clock.frame, settings)
-            view = views.get(clock.frame, settings.layout, live, clock.playing)
+            view = views.get(clock.frame, self._look(clock.frame, settings), clock.playing)
             moment = replace(moment, view=view)
         self._show(moment)
         self._last = key
@@ -257,13 +283,17 @@ class Page(PageBase):
             for part in (self.views, self.header, self.plots, self.scene):
                 part.update(moment)
         self.api.flush()
+        signals = (moment.snapshot.version, moment.paths, moment.compared)
+        if any(a is not b for a, b in zip(signals, self._signals, strict=True)):
+            self._signals, self._version = signals, self._version + 1
+        self._keeper.shown(self, moment, self._version)
 
     def _choose(self, after: int, due: int) -> int:
         """The newest frame up to the one that is due whose picture is made already, else the due one."""
         settings = self.settings
         views = self.session.views_with(settings.broken_stage)
         for frame in range(due, max(after, due - CHOICES), -1):
-            if views.has(frame, settings.layout, self._live_road(frame, settings), moving=True):
+            if views.has(frame, self._look(frame, settings), moving=True):
                 return frame
         return due
 
@@ -272,4 +302,4 @@ class Page(PageBase):
         frames = self.playback.upcoming(TICKS_AHEAD)
         if frames and not self._closed:
             views = self.session.views_with(settings.broken_stage)
-            views.make_ahead([(f, self._live_road(f, settings)) for f in frames], settings.layout)
+            views.make_ahead([(f, self._look(f, settings)) for f in frames])

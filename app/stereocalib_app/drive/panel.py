@@ -35,6 +35,10 @@ class Doors:
     open_upload: Callable[[Any], None]
     reopen: Callable[[str, int, int], None]
     compare: Callable[[str], None]
+    resolve: Callable[[str], str]
+    """A path below `root` that was typed, whole; raises for one that is not."""
+    name_of: Callable[[Session], str]
+    """What to open a drive by from the page, empty where that is not possible."""
 
 
 class Host(Protocol):

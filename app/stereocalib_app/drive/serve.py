@@ -22,7 +22,7 @@ class Opening:
     frames: zero-based, half open, None = from the first, to the last. rig: rig.yaml of an earlier drive.
     limits: what the mount is judged by, tolerance: the file that they are from. settings, frame: what the page
     shows first; without a frame a synthetic drive plays. root: the folder below which the page may open other
-    drives (default: where the command was started).
+    drives (default: where the command was started). token: what browsers must bring in the address.
     """
 
     frames: tuple[int | None, int | None] = (None, None)
@@ -32,6 +32,7 @@ class Opening:
     settings: Settings = field(default_factory=Settings)
     frame: int | None = None
     root: Path | None = None
+    token: str | None = None
     config: PipelineConfig = field(default_factory=PipelineConfig)
 
 
@@ -43,10 +44,14 @@ def start(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
     session.start()
     from stereocalib_app.server.hub import Hub
     from stereocalib_app.server.security import create_server
+    from stereocalib_app.server.site import Site
 
-    server = create_server(host, port)
+    site = Site()
+    server = create_server(host, port, how.token, site)
     library = Library(how.root or Path.cwd(), how.config, how.limits, how.tolerance)
     hub = Hub(server, session, library, how.settings)
+    site.talker = hub.desk.links.talk
+    site.contents["thumb"] = hub.desk.thumb
     if how.frame is not None:
         hub.shared.playback.seek(how.frame)
     hub.start()
@@ -62,7 +67,7 @@ def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
     from stereocalib_app.server.until_stopped import until_stopped
 
     try:
-        until_stopped(hub.server, host)
+        until_stopped(hub.server, host, None if opening is None else opening.token)
     finally:
         # Whoever presses Ctrl-C does not wait for the frame in work.
         hub.close(timeout_s=0.2)

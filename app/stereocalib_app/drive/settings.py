@@ -9,7 +9,7 @@ PRESETS = ("Inspect", "Teach", "Debug")
 MODELS = ("full", "planar", "nonholonomic")
 EXTRINSICS = ("filtered", "raw")
 ERROR_LIMIT_DEG, ERROR_LIMIT_M = 2.0, 0.30
-LAYOUTS = ("all stages", "disparity", "u-disparity", "free map", "v-disparity")
+LAYOUTS = ("left image", "disparity", "free map", "u-disparity", "v-disparity", "left − right", "LiDAR")
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Settings:
     """Everything a page can be set to."""
 
     preset: str = "Inspect"
-    layout: str = "all stages"
+    layout: str = "left image"
     corrections: Corrections = Corrections()
     follow: bool = True
     cloud: bool = True

@@ -11,24 +11,27 @@ import numpy as np
 import viser
 
 from stereocalib_app.drive import hotkeys
+from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.page import Page
+from stereocalib_app.drive.page_words import from_words
 from stereocalib_app.drive.session import Session
 from stereocalib_app.drive.settings import Settings
-from stereocalib_app.drive.viewpoint import FOLLOWING, UP
+from stereocalib_app.drive.viewpoint import FOLLOWING, UP, Viewpoint, place_camera
 from stereocalib_app.server.browser_panel import BrowserPanel
+from stereocalib_app.server.desk import Asking, Desk
 from stereocalib_app.server.inputs import guard
 from stereocalib_app.server.library import Library
 from stereocalib_app.server.viser_internals import set_width, show_elements, show_node
 from stereocalib_app.widgets.page_base import set_theme
-from stereocalib_core.errors import SourceError
+from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files.run_folder import load_run
 
 LOG = logging.getLogger(__name__)
 MAIN_WIDTH_PX = 345
-VIEWS_WIDTH_PX = (400, 700)
+VIEWS_WIDTH_PX = (260, 700)
 SCENE_WIDTH_PX = 400
 """What the 3-D view keeps at least."""
-TIMELINE_WIDTH_PX = (380, 900)
+TIMELINE_WIDTH_PX = (300, 900)
 PICTURE_SHAPE = 1.36
 """Height over width of all stages together."""
 
@@ -38,6 +41,11 @@ def views_width(height_px: int, window_px: int) -> int:
     wanted = int((height_px - 165) / PICTURE_SHAPE) + 26
     most = min(VIEWS_WIDTH_PX[1], window_px - MAIN_WIDTH_PX - SCENE_WIDTH_PX)
     return max(VIEWS_WIDTH_PX[0], min(wanted, most))
+
+
+def timeline_width(room_px: int) -> int:
+    """Width of the time line between the docked panels: all of it, within reason."""
+    return int(np.clip(room_px - 16, *TIMELINE_WIDTH_PX))
 
 
 class Hub:
@@ -50,9 +58,11 @@ class Hub:
         self._lock = threading.RLock()
         self._own: dict[int, Page] = {}
         self._browsers: dict[int, BrowserPanel] = {}
-        self._views_px: dict[int, tuple[str, int]] = {}
+        self._views_px: dict[int, tuple[Page | None, int]] = {}
         self._sessions: list[Session] = [session]
+        self._wishes: dict[int | None, int] = {}
         self.leader: int | None = None
+        self.desk = Desk(self)
         self.closed = False
         set_theme(server.gui)
         server.initial_camera.position = FOLLOWING.position
@@ -88,6 +98,43 @@ class Hub:
         """The page that a browser shows."""
         return self._own.get(client_id, self.shared)
 
+    def browser(self, number: int) -> viser.ClientHandle | None:
+        """viser's client of a number, None where it has gone."""
+        return self.server.get_clients().get(number)
+
+    def shown(self, page: Page, moment: Moment, version: int) -> None:
+        """A page shows a moment."""
+        self.desk.shown(page, moment, version)
+
+    def come_as(
+        self, client: viser.ClientHandle, words: list[str], frame: int | None, source: str, own: bool
+    ) -> None:
+        """Show a browser what its address says: on the shared page where it is alone there, else on its own."""
+        page = self.page_of(client.client_id)
+        try:
+            settings = from_words(words)
+        except ConfigError:
+            settings = page.settings
+        frame = page.playback.state.frame if frame is None else frame
+        elsewhere = bool(source) and source != self.library.name_of(page.session)
+        if (frame, settings) == (page.playback.state.frame, page.settings) and not (elsewhere or own):
+            return
+        if page.owner is None and (own or len(self.viewers(page)) > 1):
+            if not own and not elsewhere and page.playback.state.playing:
+                return
+            self.detach(client)
+            page = self.page_of(client.client_id)
+        asking = Asking(client, client.client_id)
+        if elsewhere:
+            page.run_for_client(asking, lambda _client: self.open(page, source))
+            page = self.page_of(client.client_id)
+        page.run_for_client(asking, lambda _client: page.restore(settings, frame))
+
+    def look_from(self, client: viser.ClientHandle, camera: list[float]) -> None:
+        """Place a browser's camera."""
+        x, y, z, *target = camera
+        place_camera(client, Viewpoint((x, y, z), (target[0], target[1], target[2])))
+
     def viewers(self, page: Page) -> list[viser.ClientHandle]:
         """The browsers that show a page."""
         clients = self.server.get_clients()
@@ -101,17 +148,19 @@ class Hub:
 
     def open(self, page: Page, text: str) -> None:
         """Open what was typed on the page; raises SourceError."""
-        self._show(page, self.library.open(text))
+        wish = self._wish(page)
+        self._show(page, self.library.open(text), wish=wish)
 
     def open_upload(self, page: Page, upload: Any) -> None:
         """Open a zip that was uploaded; raises SourceError."""
-        self._show(page, self.library.open_upload(upload.name, upload.content))
+        wish = self._wish(page)
+        self._show(page, self.library.open_upload(upload.name, upload.content), wish=wish)
 
     def reopen(self, page: Page, spec: str, frame: int, same_before: int = 0) -> None:
         """Open a variation of the drive on show, which begins to differ at frame `same_before`, and go to a
         frame; raises SourceError."""
-        new = self.library.vary(page.session, spec, same_before)
-        self._show(page, new, frame)
+        wish = self._wish(page)
+        self._show(page, self.library.vary(page.session, spec, same_before), frame, wish)
 
     def compare(self, page: Page, text: str) -> None:
         """Lay an earlier run beside the drive on show; an empty text takes it away. Raises SourceError."""
@@ -123,12 +172,23 @@ class Hub:
             raise SourceError("no such folder", text[:200], "name the output folder of an earlier run")
         page.set_compared(load_run(folder))
 
-    def _show(self, page: Page, session: Session, frame: int | None = None) -> None:
-        """Replace the drive of a page, at a frame; without one, a drive that is still computed plays."""
+    def _wish(self, page: Page) -> int:
+        """The number of a wish for another drive on a page; the latest one wins."""
         with self._lock:
-            if self.closed:
-                session.close()
+            self._wishes[page.owner] = self._wishes.get(page.owner, 0) + 1
+            return self._wishes[page.owner]
+
+    def _show(self, page: Page, session: Session, frame: int | None = None, wish: int = 0) -> None:
+        """Replace the drive of a page, at a frame; without one, a drive that is still computed plays.
+
+        The page may have been replaced since somebody asked for this: its owner has one page, and the later wish wins.
+        """
+        with self._lock:
+            current = self.shared if page.owner is None else self._own.get(page.owner)
+            if self.closed or current is None or wish < self._wishes.get(page.owner, 0):
+                self._drop(session)
                 return
+            page = current
             settings = page.settings
             page.close()
             self._sessions.append(session)
@@ -151,12 +211,18 @@ class Hub:
             self._drop_unused()
         for client in self.server.get_clients().values():
             self.fit(client)
+            self.desk.told_again(client)
 
     def _drop_unused(self) -> None:
         used = {id(page.session) for page in (self.shared, *self._own.values())}
         for session in [s for s in self._sessions if id(s) not in used]:
             self._sessions.remove(session)
-            threading.Thread(target=session.close, daemon=True).start()
+            threading.Thread(target=self._drop, args=(session,), daemon=True).start()
+
+    def _drop(self, session: Session) -> None:
+        """Stop a drive that no page shows any more, and remove what was uploaded of it."""
+        session.close()
+        self.library.forget(session)
 
     # --- browsers
 
@@ -176,6 +242,7 @@ class Hub:
             page.start()
         self._say_own(client, True)
         self.fit(client)
+        self.desk.told_again(client)
 
     def attach(self, client: viser.ClientHandle) -> None:
         """Bring a browser back to the shared page."""
@@ -188,6 +255,7 @@ class Hub:
             self._drop_unused()
         self._say_own(client, False)
         self.fit(client)
+        self.desk.told_again(client)
 
     def _say_own(self, client: viser.ClientHandle, own: bool) -> None:
         browser = self._browsers.get(client.client_id)
@@ -212,17 +280,20 @@ class Hub:
         """Give the pictures the height that this browser has, and the time line what is left between the panels."""
         page = self.page_of(client.client_id)
         height, between = int(client.camera.image_height), int(client.camera.image_width)
-        name, docked = self._views_px.get(client.client_id, ("", views_width(720, 1280)))
+        fitted, docked = self._views_px.get(client.client_id, (None, views_width(720, 1280)))
+        if fitted is not None and fitted is not page:
+            # A fresh panel is as wide as every panel begins, whatever the one before was dragged to.
+            docked = views_width(720, 1280)
         views = views_width(height, between + docked + MAIN_WIDTH_PX)
-        if (name, docked) != (page.name, views):
+        if fitted is not page or docked != views:
             # Only then: a width that somebody has dragged must stay.
-            self._views_px[client.client_id] = page.name, views
+            self._views_px[client.client_id] = page, views
             set_width(client, page.gui, page.views.panel, views)
-        room = between + docked - views - 16
-        set_width(client, page.gui, page.plots.panel, int(np.clip(room, *TIMELINE_WIDTH_PX)))
+        set_width(client, page.gui, page.plots.panel, timeline_width(between + docked - views))
 
     def _connected(self, client: viser.ClientHandle) -> None:
         guard(client.gui)
+        self.desk.names.name(client)
         self._browsers[client.client_id] = BrowserPanel(self, client)
         self.fit(client)
         known = (client.camera.image_width, client.camera.image_height)
@@ -230,6 +301,7 @@ class Hub:
         @client.camera.on_update
         def _(_camera: Any) -> None:
             nonlocal known
+            self.desk.camera_moved(client)
             size = (client.camera.image_width, client.camera.image_height)
             if size != known:
                 known = size
@@ -239,7 +311,9 @@ class Hub:
         with self._lock:
             page = self._own.pop(client.client_id, None)
             self._browsers.pop(client.client_id, None)
+            self.desk.names.forget(client.client_id)
             self._views_px.pop(client.client_id, None)
+            self._wishes.pop(client.client_id, None)
             if self.leader == client.client_id:
                 self.leader = None
             self._drop_unused()

@@ -12,10 +12,12 @@ from typing import Any
 
 from viser import GuiApi
 
-from stereocalib_app.server.viser_internals import check_values, held_value
+from stereocalib_app.server.viser_internals import check_values, held_value, limit_uploads
 
 LOG = logging.getLogger(__name__)
 LONGEST_TEXT = 4_000
+UPLOAD_BYTES = 200_000_000
+IDLE_UPLOAD_S = 60.0
 
 
 def acceptable(control: Any, value: Any) -> bool:
@@ -40,4 +42,8 @@ def guard(gui: GuiApi) -> None:
     def refused(client_id: int) -> None:
         LOG.info("browser %d sent a value that no person can set: refused", client_id)
 
+    def too_much(client_id: int, name: str) -> None:
+        LOG.info("browser %d sends more than is taken (%s): refused", client_id, name[:80])
+
     check_values(gui, acceptable, refused)
+    limit_uploads(gui, UPLOAD_BYTES, IDLE_UPLOAD_S, too_much)

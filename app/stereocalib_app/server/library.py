@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 
 from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
 from stereocalib_app.drive.earlier_run import open_run
 from stereocalib_app.drive.session import Session
+from stereocalib_app.server.inputs import UPLOAD_BYTES
 from stereocalib_core.back.analyse import analyse
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, SourceError
@@ -21,9 +22,10 @@ from stereocalib_core.results import Drive, FrameResult
 from stereocalib_core.run.calibrate import cut_truth, frame_range
 from stereocalib_core.sources import SourceKind, archive_files, open_source, parse, source_kind
 
-UPLOAD_BYTES = 200_000_000
 UNPACKED_BYTES = 1_000_000_000
 UNPACKED_FILES = 8_000
+ALL_UPLOADS_BYTES = 2_000_000_000
+"""On disk at a time, of all browsers together."""
 DRIVE_FOLDERS = (
     *(SourceKind.KITTI_ODOMETRY, SourceKind.KITTI_RAW, SourceKind.KITTI_360, SourceKind.KITTI_PAIRS),
     *(SourceKind.EUROC, SourceKind.FOLDER),
@@ -37,13 +39,15 @@ def open_drive(
     rig: Path | None = None,
     limits: Limits = NO_LIMITS,
     finished: Sequence[Done] = (),
+    door: Callable[[str], str] = str,
 ) -> Session:
     """Any SOURCE, or the output of an earlier run; raises StereoCalibError in one line.
 
-    limits: what the mount is judged by. finished: frames that need not be computed again.
+    limits: what the mount is judged by. finished: frames that need not be computed again. door: what the source that
+    an earlier run names may be opened as.
     """
     if source_kind(spec) is SourceKind.RUN:
-        return open_run(Path(spec).expanduser().resolve(), limits)
+        return open_run(Path(spec).expanduser().resolve(), limits, door)
     source = open_source(spec)
     if len(source) == 0:
         raise SourceError("drive without frames", spec, "check that it holds pictures")
@@ -79,7 +83,7 @@ class Library:
     ) -> None:
         self.root, self._config, self._limits = root.expanduser().resolve(), config, limits
         self.tolerance = tolerance
-        self._uploads: list[Path] = []
+        self._uploads: dict[int, Path] = {}
 
     def resolve(self, text: str) -> str:
         """A source typed on the page; raises SourceError for what lies outside the root."""
@@ -105,9 +109,18 @@ class Library:
             raise SourceError("options are not open to the page", text[:200], "give them on the command line")
         return str(path)
 
+    def name_of(self, session: Session) -> str:
+        """What to type to open this drive again from the page; empty where the page may not."""
+        spec = session.spec if session.run_folder is None else str(session.run_folder)
+        try:
+            found = self.resolve(spec)
+        except SourceError:
+            return ""
+        return found.replace(f"{self.root}/", "", 1)
+
     def open(self, text: str) -> Session:
         """What was typed on the page."""
-        return open_drive(self.resolve(text), self._config, limits=self._limits)
+        return open_drive(self.resolve(text), self._config, limits=self._limits, door=self.resolve)
 
     def vary(self, session: Session, spec: str, same_before: int) -> Session:
         """A variation `spec` of the drive of a session, whose frames before `same_before` are as they were."""
@@ -121,24 +134,46 @@ class Library:
         )
 
     def open_upload(self, name: str, content: bytes) -> Session:
-        """A zip that was uploaded; raises SourceError when it is too large or unsafe."""
+        """A zip that was uploaded; raises SourceError when it is too large or unsafe. Nothing of it is left then."""
+        used = sum(folder_bytes(folder) for folder in self._uploads.values())
+        if used + len(content) > ALL_UPLOADS_BYTES:
+            words = (
+                f"at most {ALL_UPLOADS_BYTES // 1_000_000_000} GB at a time: close a drive that was uploaded"
+            )
+            raise SourceError("too many uploads", name, words)
         folder = Path(tempfile.mkdtemp(prefix="stereocalib-upload-"))
-        self._uploads.append(folder)
-        unpack(name, content, folder)
-        return open_drive(str(drive_folder(folder, name)), self._config, limits=self._limits)
+        try:
+            unpack(name, content, folder, ALL_UPLOADS_BYTES - used)
+            session = open_drive(str(drive_folder(folder, name)), self._config, limits=self._limits)
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        self._uploads[id(session)] = folder
+        return session
+
+    def forget(self, session: Session) -> None:
+        """A drive is shown no more: remove it where it was uploaded."""
+        folder = self._uploads.pop(id(session), None)
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def close(self) -> None:
         """Remove what was uploaded."""
-        for folder in self._uploads:
+        for folder in self._uploads.values():
             shutil.rmtree(folder, ignore_errors=True)
         self._uploads.clear()
 
 
-def unpack(name: str, content: bytes, folder: Path) -> None:
+def folder_bytes(folder: Path) -> int:
+    """Bytes of all files below a folder."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def unpack(name: str, content: bytes, folder: Path, most_bytes: int = UNPACKED_BYTES) -> None:
     """The parts of a drive in a zip, below `folder`; refuses what is too large, links, and names that lead outside."""
     if len(content) > UPLOAD_BYTES:
         raise SourceError("upload too large", name, f"at most {UPLOAD_BYTES // 1_000_000} MB")
-    archive_files.unpack(BytesIO(content), name, folder, UNPACKED_BYTES, UNPACKED_FILES)
+    archive_files.unpack(BytesIO(content), name, folder, min(UNPACKED_BYTES, most_bytes), UNPACKED_FILES)
 
 
 def drive_folder(folder: Path, name: str) -> Path:

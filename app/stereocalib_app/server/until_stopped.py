@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
 
 import viser
@@ -10,16 +12,20 @@ import viser
 from stereocalib_app.server.security import LOCAL_NAMES
 
 
-def until_stopped(server: viser.ViserServer, host: str) -> None:
+def until_stopped(server: viser.ViserServer, host: str, token: str | None = None) -> None:
     """Print the page's address, and a warning where other machines reach it; ends by KeyboardInterrupt only."""
     shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOCAL_NAMES) else host
     if host not in LOCAL_NAMES:
         sys.stderr.write(
-            f"stereocalib: warning: the page listens on {host}: whoever reaches this machine can see and "
-            "steer it\n"
+            f"stereocalib: warning: the page listens on {host}: "
+            + ("whoever has its whole address" if token else "whoever reaches this machine")
+            + " can see and steer it, and open what lies below the folder it was started in\n"
         )
-    sys.stdout.write(f"http://{shown}:{server.get_port()}\n")
+    sys.stdout.write(f"http://{shown}:{server.get_port()}{f'/?token={token}' if token else ''}\n")
     sys.stdout.flush()
+    if threading.current_thread() is threading.main_thread():
+        # Whoever is told to go leaves nothing behind: what was uploaded is removed on the way out.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     while True:
         # Short naps: a Ctrl-C just before a long one would only be seen at its end.
         time.sleep(0.2)

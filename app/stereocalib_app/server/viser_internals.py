@@ -6,16 +6,18 @@ where a later one has moved something.
 
 from __future__ import annotations
 
-import http
+import inspect
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import rich
+import viser
 import websockets.asyncio.server
 from viser import GuiApi, _messages
-from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 _STARTING = threading.Lock()
@@ -51,6 +53,51 @@ def check_values(gui: GuiApi, allowed: Callable[[Any, Any], bool], refused: Call
     gui._websock_interface.register_handler(_messages.GuiUpdateMessage, checked)
 
 
+def limit_uploads(
+    gui: GuiApi, most_bytes: int, patience_s: float, refused: Callable[[int, str], None]
+) -> None:
+    """An upload that is announced as larger than `most_bytes`, or brings more than it announced, is dropped at once,
+    and one that has been idle for `patience_s` when another begins; `refused(client_id, name)` is called."""
+    start, part = gui._handle_file_transfer_start, gui._handle_file_transfer_part
+    heard: dict[str, float] = {}
+
+    def forget(transfer: str) -> None:
+        gui._current_file_upload_states.pop(transfer, None)
+        heard.pop(transfer, None)
+
+    def begin(client_id: int, message: _messages.FileTransferStartUpload) -> None:
+        now = time.monotonic()
+        for transfer in [t for t, since in heard.items() if now - since > patience_s]:
+            forget(transfer)
+        if not 0 <= message.size_bytes <= most_bytes or not 0 <= message.part_count <= message.size_bytes:
+            refused(client_id, str(message.filename))
+            return
+        heard[message.transfer_uuid] = now
+        start(client_id, message)  # type: ignore[arg-type]
+
+    async def take(client_id: int, message: _messages.FileTransferPart) -> None:
+        state = gui._current_file_upload_states.get(message.transfer_uuid)
+        if state is None:
+            heard.pop(message.transfer_uuid, None)
+            return
+        if state["transferred_bytes"] + len(message.content) > state["total_bytes"]:
+            forget(message.transfer_uuid)
+            refused(client_id, state["filename"])
+            return
+        heard[message.transfer_uuid] = time.monotonic()
+        answer: Any = part(client_id, message)  # type: ignore[arg-type]
+        if inspect.isawaitable(answer):
+            await answer
+
+    handlers: tuple[tuple[Any, Any, Any], ...] = (
+        (_messages.FileTransferStartUpload, start, begin),
+        (_messages.FileTransferPart, part, take),
+    )
+    for kind, old, new in handlers:
+        gui._websock_interface.unregister_handler(kind, old)
+        gui._websock_interface.register_handler(kind, new)
+
+
 def show_elements(client: Any, handles: Iterable[Any], visible: bool) -> None:
     """Show or hide elements that all browsers share in one browser only."""
     for handle in handles:
@@ -77,18 +124,35 @@ def set_encoded(image: Any, jpeg: bytes) -> None:
     image._data = jpeg
 
 
+class Door(Protocol):
+    """What stands before viser's own server: it sees every request first."""
+
+    async def answer(self, request: Request) -> Response | None:
+        """The answer to a request, or None where viser shall answer or a WebSocket shall be opened."""
+
+    def talks(self, path: str) -> bool:
+        """Whether a WebSocket of this path is ours."""
+
+    async def talk(self, connection: Any) -> None:
+        """Speak with a browser on a WebSocket of ours until it closes."""
+
+
 @contextmanager
-def requests_checked(allowed: Callable[[Any], bool]) -> Iterator[None]:
-    """A server that starts inside answers 403 to a request whose headers are not `allowed`, and prints no banner."""
+def behind(door: Door) -> Iterator[None]:
+    """A server that starts inside stands behind `door`, and prints no banner."""
     original = websockets.asyncio.server.serve
 
-    def serve(*args: Any, process_request: Callable[..., Any] | None = None, **kwargs: Any) -> Any:
-        def checked(connection: Any, request: Request) -> Response | None:
-            if not allowed(request.headers):
-                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers(), b"foreign page refused\n")
-            return None if process_request is None else process_request(connection, request)
+    def serve(handler: Any, *args: Any, process_request: Any = None, **kwargs: Any) -> Any:
+        async def first(connection: Any, request: Request) -> Response | None:
+            answer = await door.answer(request)
+            if answer is not None or door.talks(request.path) or process_request is None:
+                return answer
+            return process_request(connection, request)
 
-        return original(*args, process_request=checked, **kwargs)
+        async def handled(connection: Any) -> None:
+            await (door.talk if door.talks(connection.request.path) else handler)(connection)
+
+        return original(handled, *args, process_request=first, **kwargs)
 
     with silent():
         websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]
@@ -96,6 +160,11 @@ def requests_checked(allowed: Callable[[Any], bool]) -> Iterator[None]:
             yield
         finally:
             websockets.asyncio.server.serve = original  # type: ignore[misc]
+
+
+def client_page() -> bytes:
+    """The page that viser sends to browsers, as HTML."""
+    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
 
 
 @contextmanager

@@ -24,6 +24,7 @@ class PageBase:
     def __init__(self, gui: Any) -> None:
         self.gui = gui
         self._acting = threading.RLock()
+        self._notes: dict[int, Any] = {}
 
     def may_act(self, event: Any) -> bool:
         """Whether the browser that an event is from may change this page; a page that refuses says so itself."""
@@ -70,4 +71,14 @@ class PageBase:
         except StereoCalibError as error:
             LOG.info("%s", error)
             body = f"{error.what}: {error.where}. {error.remedy}"
-            client.add_notification("That did not work", body, color="red", auto_close_seconds=15.0)
+            self.tell(client, "That did not work", body, 15.0, "red")
+
+    def tell(self, client: Any, title: str, body: str, seconds: float = 6.0, color: Any = None) -> None:
+        """A note in one browser, in place of the one before."""
+        with self._acting:
+            old = self._notes.pop(client.client_id, None)
+        if old is not None:
+            old.remove()
+        note = client.add_notification(title, body, color=color, auto_close_seconds=seconds)
+        with self._acting:
+            self._notes[client.client_id] = note

@@ -28,6 +28,7 @@ NOW: Final[Rgb] = (240, 160, 0)
 RAW: Final[Rgb] = (86, 150, 220)
 FILTERED: Final[Rgb] = (0, 158, 115)
 TRUTH: Final[Rgb] = (205, 60, 60)
+SMOOTHED: Final[Rgb] = (230, 159, 0)
 
 BRAND: Final[Rgb] = (0, 92, 148)
 

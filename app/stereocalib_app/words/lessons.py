@@ -118,7 +118,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     ),
     Lesson(
         "Yaw",
-        "all stages",
+        "left image",
         (r"d = R^T K^{-1}\, (u_\text{vp},\, v_\text{vp},\, 1)^T", r"\varphi = \text{atan2}(d_x,\, d_z)"),
         "When the car drives straight, the tracks on the road meet in one point, the vanishing point of travel. "
         "Its direction d, with pitch and roll (R) and the camera (K) taken out, is the yaw φ. Only straight driving "
@@ -131,7 +131,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     ),
     Lesson(
         "Filter",
-        "all stages",
+        "left image",
         (r"x_{k+1} = f(x_k) + w_k", r"z_k = h(x_k) + n_k"),
         "The car's body swings on its springs about a mount that hardly moves. The filter knows both, weighs each "
         "measurement by its σ, and predicts through failed frames (marked, σ growing).",
@@ -141,7 +141,7 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     ),
     Lesson(
         "Odometry",
-        "all stages",
+        "left image",
         (
             r"X = \frac{b}{\Delta}\, (\cos\rho\; \bar u + \sin\rho\, (\cos\theta\; \bar v + \alpha\, \sin\theta))",
             r"Z = \frac{b}{\Delta}\, (\alpha\, \cos\theta - \sin\theta\; \bar v)",

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from stereocalib_app.drive.card import shift_words
+from stereocalib_app.drive.changes import changed
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.faults import FaultsPanel
 from stereocalib_app.drive.session import Snapshot
+from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.widgets import palette, text
 from stereocalib_app.words.remedies import REMEDIES
 from stereocalib_core.back.rig.shift_alarm import UNSEEN
 from stereocalib_core.errors import FailureReason
-from stereocalib_core.results import Check
+from stereocalib_core.results import Cause, Check
 
 NOWHERE = "–"
 LISTED = 400
@@ -72,39 +74,63 @@ def checks_html(checks: tuple[Check, ...]) -> str:
     return f"<table style='{style}'>{head}{''.join(rows)}</table>"
 
 
+def ranked(moment: Moment) -> list[Cause]:
+    """What the drive as a whole says of this frame, likeliest first; what speaks of fewer frames says more."""
+    drive = moment.snapshot.drive
+    if drive is None:
+        return []
+    return [cause for cause in drive.causes if cause.first <= moment.frame <= cause.last]
+
+
+def changes_words(moment: Moment) -> str:
+    """What differs most from the last good frame before, with both numbers; Markdown."""
+    result = moment.result
+    before = next((r for r in moment.snapshot.results[: moment.frame][::-1] if r.ok), None)
+    if result is None or result.ok or before is None:
+        return ""
+    found = changed(before, result)[:4]
+    if not found:
+        return ""
+    lines = "\n".join(f"- {text.escape(change.words)}" for change in found)
+    return f"\n\n**Changed since frame {before.frame}, the last that was ok:**\n\n{lines}"
+
+
 def verdict(moment: Moment) -> str:
     """What happened in this frame and what to do."""
     result = moment.result
     if result is None:
         return "This frame is not computed yet."
+    causes = ranked(moment)
     if result.failure is None:
+        if causes:
+            found = "\n\n".join(
+                f"{text.escape(c.cause)}. **What to do:** {text.escape(c.remedy)}." for c in causes
+            )
+            return f"**Frame {moment.frame} is measured, but doubtful.**\n\n{found}"
         return f"**Frame {moment.frame} is ok.** Every number is within its limits."
     reason = FailureReason(result.failure.reason)
     cause, remedy = REMEDIES[reason]
     color = palette.css(palette.FAILED)
     return (
         f'<span style="color:{color}">**Frame {moment.frame} failed: {text.escape(reason)}**</span>\n\n'
-        f"{text.escape(result.failure.detail)}\n\n**Likely cause:** {cause}.\n\n**What to do:** {remedy}."
+        f"{text.escape(result.failure.detail)}\n\n{_causes_words(causes) or _one_cause(cause, remedy)}"
+        f"{changes_words(moment)}"
     )
 
 
-def failure_options(snapshot: Snapshot) -> tuple[str, ...]:
-    """One entry per run of failed frames with the same reason."""
-    options: list[str] = []
-    first = last = None
-    reason = ""
-    for result in (*snapshot.results, None):
-        same = result is not None and not result.ok and result.reason == reason and last == result.frame - 1
-        if same and result is not None:
-            last = result.frame
-            continue
-        if first is not None:
-            options.append(f"{first} · {reason}" if first == last else f"{first} to {last} · {reason}")
-        first = None
-        if result is not None and not result.ok:
-            first = last = result.frame
-            reason = result.reason
-    return tuple(options[:LISTED])
+def _one_cause(cause: str, remedy: str) -> str:
+    return f"**Likely cause:** {cause}.\n\n**What to do:** {remedy}."
+
+
+def _causes_words(causes: list[Cause]) -> str:
+    """The causes of a stretch, likeliest first."""
+    if not causes:
+        return ""
+    first, *others = causes
+    words = _one_cause(text.escape(first.cause, 600), text.escape(first.remedy, 400))
+    if others:
+        words += "\n\n**Or:** " + "; ".join(text.escape(c.cause) for c in others[:3]) + "."
+    return words
 
 
 def shift_options(snapshot: Snapshot) -> tuple[str, ...]:
@@ -169,7 +195,13 @@ class DebugPanel:
         if moment.drive_changed:
             shifts = shift_options(moment.snapshot)
             for handle, wanted in (
-                (self._failures, (failures_head(moment.snapshot), *failure_options(moment.snapshot))),
+                (
+                    self._failures,
+                    (
+                        failures_head(moment.snapshot),
+                        *(s.words for s in failed_spans(moment.snapshot.results)[:LISTED]),
+                    ),
+                ),
                 (self._shifts, (shifts_head(len(shifts)), *shifts)),
             ):
                 if tuple(handle.options) != wanted:

@@ -11,8 +11,10 @@ from stereocalib_app.drive.card import card_text
 from stereocalib_app.drive.figure_sheet import figure_sheet
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
+from stereocalib_app.drive.panels.corrections import describe
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Settings
+from stereocalib_app.widgets import text
 from stereocalib_app.widgets.copy_button import copy_button
 from stereocalib_core.errors import OutputError
 
@@ -43,8 +45,25 @@ def made(host: Host, name: str, make: Maker) -> bytes:
 
 def send_sheet(host: Host, client: Any) -> None:
     """The figure sheet as a download."""
-    name = "figures.png"
-    client.send_file_download(name, made(host, name, _sheet), save_immediately=True)
+    _send(host, "figures.png", _sheet, client)
+
+
+def _send(host: Host, name: str, make: Maker, client: Any) -> None:
+    """A file that says in its name which drive and which settings it holds."""
+    full = exports.file_name(host.session, host.settings, name)
+    client.send_file_download(full, made(host, name, make), save_immediately=True)
+
+
+def holds(moment: Moment) -> str:
+    """What an export made now holds, in words. Markdown."""
+    frames = f"{len(moment.snapshot.results)} of {moment.snapshot.total} frames"
+    corrections = moment.settings.corrections
+    if not corrections.touched:
+        return f"{frames}, as measured."
+    return (
+        f"{frames}. **Path, report and figures: {text.escape(describe(corrections))}.** Extrinsics: as measured, "
+        "whatever the corrections."
+    )
 
 
 class ExportPanel:
@@ -53,14 +72,23 @@ class ExportPanel:
     def __init__(self, host: Host) -> None:
         self._host = host
         gui = host.gui
-        gui.add_markdown("What is computed so far, with the corrections that are set.")
+        self._holds = gui.add_markdown("")
         for label, name, make, hint in FILES:
-            host.on_download(gui.add_button(label, hint=hint), name, partial(made, host, name, make))
+            self._add(gui.add_button(label, hint=hint), name, make)
         self._copy_page, self._page_command = gui.add_html(""), gui.add_markdown("")
         self._copy, self._command = gui.add_html(""), gui.add_markdown("")
 
+    def _add(self, button: Any, name: str, make: Maker) -> None:
+        host = self._host
+
+        @button.on_click
+        def _(event: Any) -> None:
+            host.run_for_client(event, partial(_send, host, name, make))
+
     def update(self, moment: Moment) -> None:
-        """Show the command."""
+        """Say what the files will hold, and show the commands."""
+        if moment.settings_changed or moment.drive_changed:
+            self._holds.content = holds(moment)
         tolerance = self._host.doors.tolerance
         if (
             moment.settings_changed
@@ -70,10 +98,17 @@ class ExportPanel:
             line = exports.page_command(moment.session, moment.settings, moment.frame, tolerance)
             self._copy_page.content = copy_button("Copy the command that shows this page", line)
             self._page_command.content = _fenced(line)
-        if moment.drive_changed:
+        if moment.drive_changed or moment.settings_changed:
             line = exports.command(moment.session, tolerance)
             self._copy.content = copy_button("Copy the command that computes these numbers", line)
-            self._command.content = _fenced(line)
+            self._command.content = _fenced(line) + (
+                AS_MEASURED if moment.settings.corrections.touched else ""
+            )
+
+
+AS_MEASURED = (
+    "\n\nA run measures; it takes no corrections. The command above this one shows the live path with them."
+)
 
 
 def _fenced(line: str) -> str:

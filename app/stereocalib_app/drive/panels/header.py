@@ -41,7 +41,8 @@ def drive_line(moment: Moment) -> str:
         return f"{title}\n\n{ok} ok · {failed} failed"
     share = 100 * snapshot.progress
     rate = snapshot.frames_per_second
-    return f"{title}\n\ncomputing {share:.0f} % · {rate:.1f} frames/s · {ok} ok · {failed} failed"
+    left = "" if rate <= 0 else f" · {text.duration((snapshot.total - len(snapshot.results)) / rate)} left"
+    return f"{title}\n\ncomputing {share:.0f} % · {rate:.1f} frames/s{left} · {ok} ok · {failed} failed"
 
 
 class HeaderPanel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stereocalib_app.drive.card import card_html, card_text
+from stereocalib_app.drive.card import card_html, card_text, sections_html
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.timeline import now_table
@@ -19,6 +19,7 @@ class InspectPanel:
         self._copy = gui.add_html("")
         self._now = gui.add_html("")
         self._drive = gui.add_html("")
+        self._sections = gui.add_html("")
         self._legend = gui.add_html("")
 
     def update(self, moment: Moment) -> None:
@@ -29,6 +30,9 @@ class InspectPanel:
                 "Copy the card", card_text(moment.session.source.name, moment.snapshot)
             )
             self._drive.content = drive_summary(moment.snapshot, moment.paths)
+            source = moment.session.source
+            notices = (*moment.session.notices, *source.notices)
+            self._sections.content = sections_html(moment.snapshot, source.ground_truth, notices)
         if moment.drive_changed or moment.settings_changed:
             self._legend.content = path_legend(moment.paths, moment.settings.paths)
         self._now.content = now_table(moment)

@@ -25,6 +25,7 @@ class OpenPanel:
             "A folder (KITTI odometry, KITTI raw, plain `left/ right/ camera.yaml`), an earlier run, or "
             f"`synthetic`. Paths are read below\n\n{text.code(root, 120)}"
         )
+        gui.add_html("<stereocalib-shelf></stereocalib-shelf>")
         self._path = gui.add_text(
             "Source", "", hint="A path below the folder above, or synthetic:town?frames=200"
         )

@@ -1,0 +1,1 @@
+"""What the time line can draw: rows of signals over the frames, one file a kind, listed in `table.py`."""

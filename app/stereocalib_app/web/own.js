@@ -1,0 +1,7 @@
+// What stereocalib adds to viser's page.
+import './link.js';
+import './timeline.js';
+import './picture.js';
+import './shelf.js';
+import './address.js';
+import './keys.js';
