@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -34,6 +35,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv is None:
             _leave_at_once(EXIT_INTERRUPTED)
         return EXIT_INTERRUPTED
+    except SystemExit as told:
+        # Told to go: what was uploaded and unpacked is gone by now.
+        if argv is None and told.code == 128 + signal.SIGTERM:
+            _leave_at_once(128 + signal.SIGTERM)
+        raise
     except BrokenPipeError:
         # Whoever read our output has gone; nothing can be said there any more.
         sys.stdout = None
@@ -53,6 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _leave_at_once(code: int) -> NoReturn:
     """End the process without the interpreter's teardown, which aborts where a thread is still inside native code."""
+    atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

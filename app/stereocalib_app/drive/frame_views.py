@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -168,11 +168,13 @@ Marks = Callable[[str, int, Extrinsics | None], Mark | None]
 """From a lesson, a frame and its road to what is drawn on the left image."""
 
 
-def contact_sheet(names: Sequence[str], seen: Seen) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
-    """Every stage small, two in a row; and where each is."""
+def contact_sheet(
+    names: Sequence[str], seen: Seen, drawn: Mapping[str, canvas.Picture]
+) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
+    """Every stage small, two in a row; and where each is. drawn: what needs not be drawn again."""
     found = []
     for name in names:
-        picture = stage_table.draw(name, seen)
+        picture = drawn[name] if name in drawn else stage_table.draw(name, seen)
         height = max(1, round(picture.shape[0] * THUMB_PX / picture.shape[1]))
         found.append(cv2.resize(picture, (THUMB_PX, height), interpolation=cv2.INTER_AREA))
     rows = [found[i : i + THUMB_COLUMNS] for i in range(0, len(found), THUMB_COLUMNS)]
@@ -235,7 +237,7 @@ class FrameViews:
         T = self._source.T_camera_lidar
         seen = Seen(found.frame, found.stages, camera, own or look.road, look.live, T, marks)
         picture = stage_table.draw(look.layout, seen)
-        sheet, thumbnails = contact_sheet(self._names(), seen)
+        sheet, thumbnails = contact_sheet(self._names(), seen, {look.layout: picture})
         if moving and picture.shape[1] > MOVING_PX:
             size = MOVING_PX, round(picture.shape[0] * MOVING_PX / picture.shape[1])
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -135,24 +137,32 @@ def difference_view(
         return canvas.notice(camera.width, camera.height, "no pair of pictures")
     rows, columns = frame.left.shape
     u, v = np.arange(columns, dtype=np.float64)[None], np.arange(rows, dtype=np.float64)[:, None]
-    disparity = road.disparity_plane(camera).disparity(camera, u, v)
-    at = (np.broadcast_to(u, (rows, columns)) - disparity - camera.disparity_offset_px).astype(np.float32)
-    down = np.broadcast_to(v, (rows, columns)).astype(np.float32)
-    warped = cv2.remap(frame.right, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    disparity = road.disparity_plane(camera).disparity(camera, u, v).astype(np.float32)
+    at = u.astype(np.float32) - disparity - np.float32(camera.disparity_offset_px)
+    down = np.broadcast_to(v.astype(np.float32), (rows, columns))
+    right = cv2.remap(frame.right, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     seen = (disparity > 1.0) & (at >= 0)
     on_road = seen & _resize(stages.road, columns, rows)
-    left = frame.left.astype(np.float32)
-    right = warped.astype(np.float32)
+    # The exposures of the two cameras may differ: that is no fault of the plane.
+    offset = 0.0
     if on_road.any():
-        right += float(np.median(left[on_road])) - float(np.median(right[on_road]))
-    difference = np.where(seen, np.clip((left - right) * DIFFERENCE_GAIN, -127, 127), 0.0)
-    body = np.repeat((frame.left // 4)[..., None], 3, axis=2)
-    shown = np.stack([128 + difference, 128 - np.abs(difference) * 0.5, 128 - difference], axis=2)
-    body[seen] = np.clip(shown[seen] * np.where(on_road, 1.0, 0.55)[seen][:, None], 0, 255).astype(np.uint8)
-    return body
+        offset = float(np.median(frame.left[on_road])) - float(np.median(right[on_road]))
+    difference = cv2.subtract(frame.left, right, dtype=cv2.CV_16S) - np.int16(round(offset))
+    shown = np.clip(difference * DIFFERENCE_GAIN, -127, 127).astype(np.int16) + 128
+    index = np.where(seen, shown + np.where(on_road, 512, 256).astype(np.int16), frame.left)
+    return np.asarray(np.take(_difference_colors(), index, axis=0))
 
 
-DIFFERENCE_GAIN = 4.0
+@cache
+def _difference_colors() -> Picture:
+    """(768, 3): grey values where nothing is warped, then differences off the road, then on it."""
+    step = np.arange(256, dtype=np.float32) - 128
+    colors = np.clip(np.stack([128 + step, 128 - np.abs(step) * 0.5, 128 - step], axis=1), 0, 255)
+    grey = np.repeat(np.arange(256, dtype=np.float32)[:, None] / 4, 3, axis=1)
+    return np.concatenate([grey, 0.55 * colors, colors]).astype(np.uint8)
+
+
+DIFFERENCE_GAIN = 4
 """Grey levels shown for one that differs."""
 HEIGHTS_M = (-0.3, 2.0)
 """Heights over the road from the first colour to the last."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 import time
 
 import viser
@@ -23,9 +21,6 @@ def until_stopped(server: viser.ViserServer, host: str, token: str | None = None
         )
     sys.stdout.write(f"http://{shown}:{server.get_port()}{f'/?token={token}' if token else ''}\n")
     sys.stdout.flush()
-    if threading.current_thread() is threading.main_thread():
-        # Whoever is told to go leaves nothing behind: what was uploaded is removed on the way out.
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     while True:
         # Short naps: a Ctrl-C just before a long one would only be seen at its end.
         time.sleep(0.2)
