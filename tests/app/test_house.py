@@ -10,7 +10,7 @@ import stereocalib_app
 
 APP = Path(stereocalib_app.__file__).parent
 NAME = APP.name
-LONGEST = 330
+LONGEST = 350
 
 
 def module_name(path: Path) -> str:

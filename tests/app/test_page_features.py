@@ -18,6 +18,7 @@ from stereocalib_app.cli.arguments import build_parser
 from stereocalib_app.drive.frame_views import MOVING_PX
 from stereocalib_app.drive.page_words import from_words
 from stereocalib_app.server.hub import Hub
+from stereocalib_app.words.lessons import LESSONS
 
 pytestmark = pytest.mark.browser
 
@@ -51,13 +52,16 @@ def test_inspect_answers_first_and_the_card_can_be_copied(page: Any) -> None:
 def test_teach_walks_and_breaks_and_mends(page: Any, fresh: Hub) -> None:
     tab(page, "Guide")
     press(page, "Teach")
-    until(lambda: page.get_by_text("Step 1 of 9: Disparity").is_visible(), what="first step")
+    until(lambda: page.get_by_text(f"Step 1 of {len(LESSONS)}: Disparity").is_visible(), what="first step")
     assert page.locator("math mfrac").count() == 1
     assert fresh.shared.settings.layout == "disparity"
     for step in range(1, 5):
         press(page, "next ▶")
         until(lambda step=step: fresh.shared.settings.teach_step == step, what="next step")
-    until(lambda: page.get_by_text("Step 5 of 9: Pitch and height").is_visible(), what="fifth step")
+    until(
+        lambda: page.get_by_text(f"Step 5 of {len(LESSONS)}: Pitch and height").is_visible(),
+        what="fifth step",
+    )
     page.get_by_role("button", name="Break it: add 1° of pitch").click()
     until(lambda: fresh.shared.settings.corrections.pitch_error_deg == 1.0, what="broken")
     until(lambda: page.get_by_text("the live horizon and road").is_visible(), what="effect told")

@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import cv2
@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_app.drive import stage_table
+from stereocalib_app.drive.lesson_marks import marks
 from stereocalib_app.drive.stage_table import STAGES, Seen
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import FrameResult
 
 T = TypeVar("T")
 CLOUD_POINTS = 14_000
@@ -116,6 +118,34 @@ class FrameView:
     small: NDArray[np.uint8] | None
 
 
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """What a step of the method draws on a frame: its title, the frame's result and what the filter made of it."""
+
+    title: str
+    result: FrameResult | None
+    filtered: tuple[Extrinsics, NDArray[np.float64]] | None
+    yaw_rad: float
+
+    def _key(self) -> tuple[object, ...]:
+        known = None if self.filtered is None else self.filtered[0]
+        return self.title, id(self.result), known, self.yaw_rad
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Lesson) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def draw(
+        self, camera: StereoCamera, road: Extrinsics | None, live: Extrinsics | None
+    ) -> Callable[[canvas.Picture], None] | None:
+        """Draws it, None where the lesson draws nothing of its own."""
+        if road is not None and live is None:
+            road = replace(road, yaw_rad=self.yaw_rad)
+        return marks(self.title, camera, self.result, road, self.filtered, live)
+
+
 @dataclass(frozen=True)
 class Look:
     """How a frame is looked at: the stage on show, a second road with the page's corrections, the road it is judged
@@ -124,7 +154,7 @@ class Look:
     layout: str
     live: Extrinsics | None = None
     road: Extrinsics | None = None
-    lesson: str = ""
+    lesson: Lesson | None = None
 
 
 SMALL_PX = 320
@@ -163,11 +193,6 @@ def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -
     return points.astype(np.float32), colors[good]
 
 
-Mark = Callable[[canvas.Picture], None]
-Marks = Callable[[str, int, Extrinsics | None], Mark | None]
-"""From a lesson, a frame and its road to what is drawn on the left image."""
-
-
 def contact_sheet(
     names: Sequence[str], seen: Seen, drawn: Mapping[str, canvas.Picture]
 ) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
@@ -196,9 +221,8 @@ class FrameViews:
         self,
         source: FrameSource,
         stages: Callable[[StereoFrame], RoadStages | None],
-        marks: Marks = lambda _lesson, _index, _road: None,
     ) -> None:
-        self._source, self._make_stages, self._marks = source, stages, marks
+        self._source, self._make_stages = source, stages
         self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
         self._makers = ThreadPoolExecutor(AHEAD_THREADS, "views ahead")
         self._ahead: list[Future[FrameView]] = []
@@ -233,7 +257,7 @@ class FrameViews:
             if found.stages is None or found.stages.estimate is None
             else found.stages.estimate.extrinsics
         )
-        marks = None if not look.lesson else self._marks(look.lesson, index, own or look.road)
+        marks = None if look.lesson is None else look.lesson.draw(camera, own or look.road, look.live)
         T = self._source.T_camera_lidar
         seen = Seen(found.frame, found.stages, camera, own or look.road, look.live, T, marks)
         picture = stage_table.draw(look.layout, seen)

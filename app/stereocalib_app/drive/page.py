@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
-from stereocalib_app.drive.frame_views import Look
+from stereocalib_app.drive.frame_views import Lesson, Look
 from stereocalib_app.drive.moment import Moment, filtered_at
 from stereocalib_app.drive.panel import Doors
 from stereocalib_app.drive.panels.header import HeaderPanel
@@ -224,7 +224,14 @@ class Page(PageBase):
         filtered = filtered_at(self.session.snapshot, frame)
         road = None if filtered is None else filtered[0]
         result = self.session.snapshot.result(frame)
-        lesson = LESSONS[settings.teach_step].title if settings.preset == "Teach" else ""
+        lesson = None
+        if settings.preset == "Teach":
+            drive = self.session.snapshot.drive
+            yaw = None if drive is None else drive.mount.yaw_rad
+            known = None if filtered is None else (filtered[0], filtered[1])
+            lesson = Lesson(
+                LESSONS[settings.teach_step].title, result, known, 0.0 if yaw is None else yaw.value
+            )
         return Look(
             settings.layout,
             self._live_road(frame, settings),

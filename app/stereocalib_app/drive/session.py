@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stereocalib_app.drive.frame_views import FrameViews
 from stereocalib_app.drive.paths import DrivePaths
-from stereocalib_app.words.lessons import broken_config
+from stereocalib_app.words.lessons import TURNED, broken_config, turned
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.frames_bin import Done
@@ -119,7 +119,9 @@ class Session:
         """The views of the drive, or of what a broken stage makes of it."""
         if broken_stage not in self._views:
             front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage), self._matcher)
-            self._views[broken_stage] = FrameViews(self.source, front_end.stages)
+            camera, stages = self.source.camera, front_end.stages
+            make = (lambda frame: stages(turned(frame, camera))) if broken_stage == TURNED else stages
+            self._views[broken_stage] = FrameViews(self.source, make)
         return self._views[broken_stage]
 
     def start(self) -> None:

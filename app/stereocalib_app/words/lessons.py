@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import cv2
+import numpy as np
 from latex2mathml.converter import convert
 
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_core.config import DisparityConfig, FreeMapConfig, PipelineConfig, ProfileConfig
+from stereocalib_core.frames import StereoFrame
+from stereocalib_core.geometry import StereoCamera
 
 
 @dataclass(frozen=True)
@@ -47,11 +51,27 @@ _FIT: Final = (
 """How wide an equation is depends on the fonts of the machine: only the browser can measure it. A style element
 tells when it is in the page, also where scripts among inserted HTML are not run."""
 
+TURNED: Final = "turned right camera"
+TURN_RAD: Final = float(np.deg2rad(0.1))
+
 BROKEN_STAGES: Final[dict[str, Mapping[str, Any]]] = {
+    TURNED: {},
     "short search": {"disparity": DisparityConfig(max_disparity_px=32)},
     "no obstacles": {"free_map": FreeMapConfig(road_margin=1000.0)},
     "wide corridor": {"profile": ProfileConfig(corridor_half_width_m=20.0)},
 }
+
+
+def turned(frame: StereoFrame, camera: StereoCamera) -> StereoFrame:
+    """The pair as if its right camera had turned by TURN_RAD about its own vertical, for display only."""
+    if frame.right is None:
+        return frame
+    rows, columns = frame.right.shape
+    u, v = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
+    x, y = (u - camera.cx_px) / camera.focal_px, (v - camera.cy_px) / camera.focal_px
+    shift = np.float32(camera.focal_px * TURN_RAD)
+    moved = cv2.remap(frame.right, u + shift * (1 + x * x), v + shift * x * y, cv2.INTER_LINEAR)
+    return replace(frame, right=np.asarray(moved, dtype=np.uint8))
 
 
 def broken_config(config: PipelineConfig, stages: str) -> PipelineConfig:
@@ -108,12 +128,30 @@ LESSONS: Final[tuple[Lesson, ...]] = (
     ),
     Lesson(
         "Roll",
-        "free map",
+        "left image",
         (r"v = C\, u + d \quad\text{at one } \Delta", r"\rho = \arctan(C\, \cos\theta)"),
         "At one fixed disparity the road is a line across the image. Its slope C gives the roll ρ. No trial "
         "projections are needed.",
         Breakage(
-            "Add 2° of roll", "the live road tilts against the real one", corrections={"roll_error_deg": 2.0}
+            "Add 2° of roll",
+            "the lines of one disparity (orange) and the live road tilt against the real one",
+            corrections={"roll_error_deg": 2.0},
+        ),
+    ),
+    Lesson(
+        "Direct alignment",
+        "left − right",
+        (
+            r"\min_{A, B, C} \sum w\, (I_L(u, v) - I_R(u - \Delta, v) - b)^2",
+            r"\Delta = A\, \bar v + B\, \bar u + C",
+        ),
+        "A matcher rounds disparities. The pictures themselves do not: warp the right one over the road plane and "
+        "subtract. Where the plane (A, B, C) is right the road vanishes into an even grey; the three numbers are moved "
+        "until it does.",
+        Breakage(
+            "Add 0.5° of pitch",
+            "stripes of red and blue appear on the road",
+            corrections={"pitch_error_deg": 0.5},
         ),
     ),
     Lesson(
@@ -130,13 +168,29 @@ LESSONS: Final[tuple[Lesson, ...]] = (
         ),
     ),
     Lesson(
+        "The pair's own yaw",
+        "left image",
+        (r"\Delta' = \Delta + \alpha\, (1 + x^2)\, \psi", r"\theta' \approx \theta + \frac{h}{b}\, \psi"),
+        "If one camera has turned against the other by ψ, no row shows it: every disparity is off by nearly the same. "
+        "The road then seems tilted: a tenth of a degree is a third of a degree of pitch here. Motion shows it, "
+        "because near and far points want different ways.",
+        Breakage(
+            "Turn the right camera by 0.1°",
+            "the yellow horizon moves although all rows still match",
+            stages=TURNED,
+        ),
+    ),
+    Lesson(
         "Filter",
         "left image",
         (r"x_{k+1} = f(x_k) + w_k", r"z_k = h(x_k) + n_k"),
         "The car's body swings on its springs about a mount that hardly moves. The filter knows both, weighs each "
-        "measurement by its σ, and predicts through failed frames (marked, σ growing).",
+        "measurement by its σ, and predicts through failed frames (marked, σ growing). It measures in the disparity "
+        "plane, where the noise is Gaussian: the inset shows this pair's ellipse and the filter's sigma points.",
         Breakage(
-            "Use each pair alone", "the live path uses the unfiltered values", corrections={"source": "raw"}
+            "Use each pair alone",
+            "the value used (blue cross) jumps from the filter's points to the middle of this pair's ellipse",
+            corrections={"source": "raw"},
         ),
     ),
     Lesson(

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import random
+
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.settings import Corrections
+from stereocalib_app.widgets import text
 from stereocalib_app.words import lessons
 from stereocalib_app.words.lessons import LESSONS
+
+UNDECIDED = "not decided"
 
 
 class TeachPanel:
@@ -24,28 +29,72 @@ class TeachPanel:
         self._break = gui.add_button("Break it", hint="Breaks this step on purpose.")
         self._mend = gui.add_button("Mend it", hint="Everything back as measured.", visible=False)
         self._effect = gui.add_markdown("")
+        self._kept: Corrections | None = None
+        """What the user had set before something was broken; it comes back."""
+        with gui.add_folder("Quiz", expand_by_default=False):
+            gui.add_markdown(
+                "The page breaks one step without saying which. Look at pictures, plots and path: which?"
+            )
+            self._ask = gui.add_button("Break something")
+            self._guess = gui.add_dropdown("It is", (UNDECIDED, *(lesson.title for lesson in LESSONS)))
+            self._answer = gui.add_markdown("")
+        self._secret: int | None = None
         host.on_input(self._step, lambda value: self.go(titles.index(value)))
         host.on_click(
             self._move, lambda value: self.go(host.settings.teach_step + (1 if "next" in value else -1))
         )
         host.on_click(self._break, lambda _: self.break_it())
         host.on_click(self._mend, lambda _: self.mend())
+        host.on_click(self._ask, lambda _: self.quiz(random.randrange(len(LESSONS))))
+        host.on_input(self._guess, self.guess)
+
+    def _restored(self) -> Corrections:
+        kept, self._kept = self._kept, None
+        self._secret = None
+        return self._host.settings.corrections if kept is None else kept
 
     def go(self, step: int) -> None:
-        """Show a step, with everything mended."""
+        """Show a step, with everything mended and the user's own corrections back."""
         step = step % len(LESSONS)
         self._host.change(
-            teach_step=step, layout=LESSONS[step].layout, corrections=Corrections(), broken_stage=""
+            teach_step=step, layout=LESSONS[step].layout, corrections=self._restored(), broken_stage=""
         )
 
     def break_it(self) -> None:
         """Break what this step is about."""
-        breakage = LESSONS[self._host.settings.teach_step].breakage
+        self._break_step(self._host.settings.teach_step)
+
+    def _break_step(self, step: int) -> None:
+        breakage = LESSONS[step].breakage
+        if self._kept is None:
+            self._kept = self._host.settings.corrections
         self._host.change(corrections=lessons.broken_corrections(breakage), broken_stage=breakage.stages)
 
     def mend(self) -> None:
-        """Mend it again."""
-        self._host.change(corrections=Corrections(), broken_stage="")
+        """Mend it again, and give back what the user had set."""
+        self._host.change(corrections=self._restored(), broken_stage="")
+
+    def quiz(self, step: int) -> None:
+        """Break one step without saying which."""
+        self._break_step(step)
+        self._secret = step
+        self._answer.content = "Something is broken. Which step is it?"
+
+    def guess(self, title: str) -> None:
+        """Say whether the class has found it. Steps that are broken alike count alike."""
+        if self._secret is None or title == UNDECIDED:
+            return
+        wanted, given = LESSONS[self._secret], next(lesson for lesson in LESSONS if lesson.title == title)
+        alike = (wanted.breakage.stages, wanted.breakage.corrections) == (
+            given.breakage.stages,
+            given.breakage.corrections,
+        )
+        if not alike:
+            self._answer.content = f"Not {text.escape(title)}. Look again."
+            return
+        found = f"**Found: {text.escape(title)}.** {text.escape(wanted.breakage.effect)}."
+        self.mend()
+        self._answer.content = found
 
     def update(self, moment: Moment) -> None:
         """Show the step."""
@@ -59,6 +108,7 @@ class TeachPanel:
         )
         self._equation.content = lessons.equation_html(lesson.latex)
         self._break.label = f"Break it: {lesson.breakage.label[0].lower()}{lesson.breakage.label[1:]}"
-        broken = bool(settings.broken_stage) or settings.corrections.touched
+        broken = bool(settings.broken_stage) or self._kept is not None
         self._break.visible, self._mend.visible = not broken, broken
-        self._effect.content = f"**Broken:** {lesson.breakage.effect}." if broken else ""
+        told = broken and self._secret is None
+        self._effect.content = f"**Broken:** {lesson.breakage.effect}." if told else ""
