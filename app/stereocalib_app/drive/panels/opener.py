@@ -8,8 +8,8 @@ from stereocalib_app.drive import exports
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.summary import difference_table
-from stereocalib_app.widgets import text
-from stereocalib_app.widgets.tables import note
+from stereocalib_app.widgets import palette, text
+from stereocalib_app.widgets.tables import color_key, note
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.results import Drive
 
@@ -41,11 +41,14 @@ class OpenPanel:
                 "Run", "", hint="The output folder of an earlier run; empty takes it away."
             )
             self._lay = gui.add_button("Compare side by side")
+            self._away = gui.add_button("Take the other run away", visible=False)
+            self._legend = gui.add_html("")
             self._difference = gui.add_html("")
         self._compared: Drive | None = None
         self._done = False
         host.on_click(self._open, lambda _: host.doors.open(self._path.value))
         host.on_click(self._lay, lambda _: host.doors.compare(self._compare.value))
+        host.on_click(self._away, lambda _: host.doors.compare(""))
 
         @self._upload.on_upload
         def _(event: Any) -> None:
@@ -60,6 +63,10 @@ class OpenPanel:
             moment.compared is not None and moment.snapshot.done != self._done
         ):
             self._compared, self._done = moment.compared, moment.snapshot.done
+            beside = moment.compared is not None
+            self._away.visible = beside
+            mark = ("┅", palette.COMPARED, "other run, in time line and 3-D")
+            self._legend.content = color_key("Beside this drive", [mark]) if beside else ""
             self._difference.content = (
                 "" if moment.compared is None else self._compare_html(moment, moment.compared)
             )
