@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from stereocalib_app.cli.help_texts import EXIT_CODES, SOURCE_HELP, TOP
+from stereocalib_app.cli.values import frame, frames, kappa, names, port, positive, size
 from stereocalib_core import __version__
 from stereocalib_core.errors import ConfigError
 
@@ -51,60 +52,6 @@ class Parser(argparse.ArgumentParser):
         raise ConfigError("bad usage", message, f"see `{self.prog} --help`")
 
 
-def _frames(text: str) -> tuple[int | None, int | None]:
-    first, colon, last = text.partition(":")
-    if not colon or not all(part.isdecimal() and len(part) < 10 for part in (first, last) if part):
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no range A:B")
-    return (int(first) if first else None, int(last) if last else None)
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text[:9]) < 65536:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no port, 1...65535")
-    return int(text)
-
-
-def _token(text: str) -> str:
-    if not 8 <= len(text) <= 100 or not all(c.isascii() and (c.isalnum() or c in "-_") for c in text):
-        raise argparse.ArgumentTypeError("a token is 8 to 100 letters, digits, - and _")
-    return text
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text[:12]) < 10**9:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no positive whole number")
-    return int(text)
-
-
-def _kappa(text: str) -> float | None:
-    if text == "auto":
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 1e-6 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is neither auto nor a positive number")
-    return value
-
-
-def _frame(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no frame")
-    return int(text)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not all(side.isdecimal() and 32 <= int(side[:6]) <= 16384 for side in (width, height)):
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is no size, e.g. 1242x375")
-    return int(width), int(height)
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
 def build_parser() -> Parser:
     """The whole command line; each command's namespace carries its name as `command`."""
     parser = Parser(
@@ -139,7 +86,7 @@ def build_parser() -> Parser:
     _add_tolerance(demo)
     _add_state(demo)
     _add_fault(demo)
-    demo.add_argument("--frames", type=_positive, metavar="N", help="only the first N frames")
+    demo.add_argument("--frames", type=positive, metavar="N", help="only the first N frames")
 
     view = add("view", "open the app on SOURCE", "stereocalib view sequences/06")
     view.add_argument("source", metavar="SOURCE", help="a drive, or the output of an earlier run")
@@ -197,7 +144,7 @@ def build_parser() -> Parser:
     _add_own_calibration(batch)
     where = batch.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=_positive, metavar="N", help="local worker processes (default: one per core)"
+        "--workers", type=positive, metavar="N", help="local worker processes (default: one per core)"
     )
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="a running Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT"
@@ -239,23 +186,23 @@ def _add_calibration(add: object) -> None:
         "--unit", choices=("m", "cm", "mm"), help="of its lengths, where the file leaves that open"
     )
     convert.add_argument(
-        "--size", type=_size, metavar="WIDTHxHEIGHT", help="of the pictures, where the file does not say"
+        "--size", type=size, metavar="WIDTHxHEIGHT", help="of the pictures, where the file does not say"
     )
 
 
 def _add_server(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--port", type=_port, default=8080, metavar="P", help="default: 8080")
+    parser.add_argument("--port", type=port, default=8080, metavar="P", help="default: 8080")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="H", help="default: 127.0.0.1, this machine only"
     )
-    token = parser.add_mutually_exclusive_group()
-    token.add_argument(
+    whose = parser.add_mutually_exclusive_group()
+    whose.add_argument(
         "--token",
-        type=_token,
+        type=token,
         metavar="T",
         help="what browsers must bring in the address (default: a random one with a --host beyond this machine)",
     )
-    token.add_argument("--no-token", action="store_true", help="let in whoever reaches this machine")
+    whose.add_argument("--no-token", action="store_true", help="let in whoever reaches this machine")
 
 
 def _add_fault(parser: argparse.ArgumentParser) -> None:
@@ -276,7 +223,7 @@ def _add_tolerance(parser: argparse._ActionsContainer) -> None:
 
 
 def _add_state(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--at", type=_frame, metavar="N", help="the frame to begin with")
+    parser.add_argument("--at", type=frame, metavar="N", help="the frame to begin with")
     parser.add_argument(
         "--set",
         action="append",
@@ -297,7 +244,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     _add_out(run)
     run.add_argument("--resume", action="store_true", help="go on with a run that was stopped or killed")
     run.add_argument(
-        "--frames", type=_frames, default=(None, None), metavar="A:B", help="zero-based, half open"
+        "--frames", type=frames, default=(None, None), metavar="A:B", help="zero-based, half open"
     )
     method = run.add_argument_group("method")
     method.add_argument(
@@ -340,8 +287,8 @@ def _add_lidar(add: object) -> None:
     )
     lidar.add_argument("folder", type=Path, metavar="DIR", help="images/ clouds/ camera.yaml board.yaml")
     _add_out(lidar)
-    lidar.add_argument("--pairs", type=_names, metavar="a,b,...", help="use only these")
-    lidar.add_argument("--exclude", type=_names, default=[], metavar="a,b,...", help="leave these out")
+    lidar.add_argument("--pairs", type=names, metavar="a,b,...", help="use only these")
+    lidar.add_argument("--exclude", type=names, default=[], metavar="a,b,...", help="leave these out")
     lidar.add_argument(
         "--cropped", action="store_true", help="take clouds_cropped/, the board cut out already"
     )
@@ -353,14 +300,14 @@ def _add_lidar(add: object) -> None:
     )
     lidar.add_argument(
         "--kappa",
-        type=_kappa,
+        type=kappa,
         default=None,
         metavar="auto|NUMBER",
         help="weight of LiDAR points against corners [px/m]; auto: by the noise of both (default)",
     )
     lidar.add_argument(
         "--accept",
-        type=_positive,
+        type=positive,
         metavar="N",
         help="trust a result on which N pairs agree, even where most pairs are refused",
     )
@@ -370,8 +317,8 @@ def _add_lidar(add: object) -> None:
         "stereocalib synth-boards --out boards && stereocalib lidar-camera boards --out c",
     )
     _add_out(synth)
-    synth.add_argument("--pairs", type=_positive, default=12, metavar="N", help="how many (12)")
-    synth.add_argument("--seed", type=_frame, default=0, metavar="N", help="random seed (0)")
+    synth.add_argument("--pairs", type=positive, default=12, metavar="N", help="how many (12)")
+    synth.add_argument("--seed", type=frame, default=0, metavar="N", help="random seed (0)")
     synth.add_argument("--estimate", action="store_true", help="camera.yaml says model: estimate")
     view = add(  # type: ignore[operator]
         "view-lidar", "open the app on a set of chessboard poses", "stereocalib view-lidar boards"
