@@ -35,7 +35,7 @@ class DisparityConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class SightConfig:
-    """What any camera can tell of a road; see `front.road.sight`."""
+    """What any camera can tell of a road; see `front.sight`."""
 
     matcher_noise: float = 0.15
     """1 sigma of the matcher's disparity, in cells of its grid (semi-global matching with parabola fit on road)."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.front.road.sight import matching_step
+from stereocalib_core.front.sight import matching_step
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.results import DisparityMap

@@ -18,8 +18,8 @@ from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
 from stereocalib_core.front.road.region import Region, grow
-from stereocalib_core.front.road.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.front.road.stages import DisparityMap
+from stereocalib_core.front.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey, Mask
 from stereocalib_core.results import Check, RoadEstimate
