@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from stereocalib_app.cli.help_texts import EXIT_CODES, SOURCE_HELP, TOP
-from stereocalib_app.cli.values import frame, frames, kappa, names, port, positive, size
+from stereocalib_app.cli.values import frame, frames, kappa, names, port, positive, size, token
 from stereocalib_core import __version__
 from stereocalib_core.errors import ConfigError
 
