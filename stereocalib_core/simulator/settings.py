@@ -11,6 +11,7 @@ from urllib.parse import unquote
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.simulator.faults import Fault, parse_fault, spell
+from stereocalib_core.system.yaml_file import read_yaml
 
 NAMES = ("town", "curves", "straight", "plane")
 
@@ -73,13 +74,15 @@ class DriveSettings:
         return f"synthetic:{self.name}" + ("?" + "&".join(words) if words else "")
 
 
+CAMERA_KEYS = ("width", "height", "focal_px", "cx_px", "cy_px", "baseline_m")
+"""What `camera=FILE` brings."""
 KEYS = tuple(f.name for f in dataclasses.fields(DriveSettings) if f.name not in ("name", "faults"))
 _RANGES = {
     "seed": (0, 2**31 - 1),
     "frames": (1, 100_000),
-    "mount_height_m": (0.3, 5.0),
-    "mount_pitch_deg": (-20.0, 30.0),
-    "mount_roll_deg": (-20.0, 20.0),
+    "mount_height_m": (0.15, 5.0),
+    "mount_pitch_deg": (-35.0, 35.0),
+    "mount_roll_deg": (-25.0, 25.0),
     "mount_yaw_deg": (-20.0, 20.0),
     "lever_arm_m": (-5.0, 5.0),
     "lidar": (0, 1),
@@ -119,7 +122,11 @@ def from_options(name: str, options: dict[str, str], faults: list[str]) -> Drive
     if name not in NAMES:
         raise ConfigError("no such synthetic drive", name, f"use one of {' '.join(NAMES)}")
     values: dict[str, object] = {}
+    if "camera" in options:
+        values.update(_camera(options["camera"]))
     for key, text in options.items():
+        if key == "camera":
+            continue
         if key not in KEYS:
             raise ConfigError(
                 "no such option of a synthetic drive", key, f"use one of {' '.join(KEYS)} fault"
@@ -131,6 +138,21 @@ def from_options(name: str, options: dict[str, str], faults: list[str]) -> Drive
         )
     parsed = tuple(parse_fault(fault) for fault in faults)
     return DriveSettings(name=name, faults=parsed, **values)  # type: ignore[arg-type]
+
+
+def _camera(file: str) -> dict[str, int | float]:
+    """Size, focal length, principal point and baseline of a camera.yaml; single options may change them again."""
+    if not Path(file).is_file():
+        raise ConfigError(
+            "camera file not found", file, "give a camera.yaml with width, height, focal_px, ..."
+        )
+    read = read_yaml(Path(file))
+    if not isinstance(read, dict):
+        raise ConfigError("no camera file", file, f"it needs {', '.join(CAMERA_KEYS)}")
+    lacking = [key for key in CAMERA_KEYS if key not in read]
+    if lacking:
+        raise ConfigError("camera file lacks values", file, f"add {', '.join(lacking)}")
+    return {key: _number(key, str(read[key])) for key in CAMERA_KEYS}
 
 
 def _number(key: str, text: str) -> int | float:
