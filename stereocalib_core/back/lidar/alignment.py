@@ -80,6 +80,11 @@ class Alignment:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def worth(self) -> float:
+        """How well a beam edge matches, on average."""
+        return float(self.gain.sum()) / max(self.beams, 1)
+
+    @property
     def unknowns(self) -> Array:
         """(10,) six and nuisance, a start for a stretch near by."""
         return np.concatenate([self.six, self.nuisance])
@@ -88,14 +93,15 @@ class Alignment:
 def scans_of(
     results: Sequence[FrameResult], camera: StereoCamera, poses: Array, config: LidarAlignmentConfig
 ) -> list[Scan]:
-    """The frames that have a scan. poses: (N, 4, 4) T_world_camera of all frames."""
+    """The frames that have a scan and a place on the path. poses: (N, 4, 4) T_world_camera of all frames."""
     times = np.array([r.timestamp_s for r in results])
     steps = np.diff(times)
     period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.1
     found = []
     for row, result in enumerate(results):
         sample = result.scan
-        if sample is None:
+        motion = _motion(poses, times, row)
+        if sample is None or not (np.isfinite(motion).all() and np.isfinite(poses[row]).all()):
             continue
         road = None
         if result.lidar is not None and result.road is not None:
@@ -112,7 +118,7 @@ def scans_of(
                 np.ascontiguousarray(sample.patches),
                 sample.T_camera_lidar,
                 poses[row],
-                _motion(poses, times, row),
+                motion,
                 period,
                 sample.sweep,
                 road,

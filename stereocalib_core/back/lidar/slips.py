@@ -12,7 +12,7 @@ part, so that no slip of theirs is put down to yaw, x or z.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,8 +58,17 @@ class Follower:
         if key not in self._made:
             # near by is what was found last, if anything was
             start = next(reversed(self._made.values())).unknowns if self._made else None
-            self._made[key] = align(self.scans[first:last:step], self.camera, self.config, self.belief, start)
+            chosen = self.scans[first:last:step]
+            some = align(chosen, self.camera, self.config, self.belief, start)
+            if start is not None and some.worth < self.config.lost_share * self._usual():
+                # what was near is no longer: look far around, and believe whatever matches better
+                afresh = align(chosen, self.camera, self.config, self.belief)
+                some = max(some, afresh, key=lambda a: a.worth)
+            self._made[key] = replace(some, last=self.scans[last - 1].frame)
         return self._made[key]
+
+    def _usual(self) -> float:
+        return float(np.median([made.worth for made in self._made.values()]))
 
     def whole(self, first: int, last: int) -> Alignment:
         """A long part, by as many of its scans as say all that there is to say."""

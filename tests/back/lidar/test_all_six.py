@@ -15,7 +15,7 @@ from stereocalib_core.back.lidar.overlay import before_and_after
 from stereocalib_core.back.lidar.residual_transform import YAW, X, Z, moved, shown_by_road
 from stereocalib_core.back.lidar.road_check import check
 from stereocalib_core.config import LidarAlignmentConfig, RoadCheckConfig
-from stereocalib_core.geometry import Extrinsics, invert_transform
+from stereocalib_core.geometry import Extrinsics, invert_transform, rotation_y
 from stereocalib_core.results import FrameResult, LidarCheck
 
 CONFIG = LidarAlignmentConfig()
@@ -125,6 +125,13 @@ def test_a_slip_is_dated_sized_and_named(axis: str, size: float) -> None:
     assert after.pose.first >= slip.frame
 
 
+def test_a_lidar_knocked_far_is_found_again() -> None:
+    six = np.array([0.0, 0.0, 0.0, np.deg2rad(-1.8), 0.1, 0.0])
+    shifts = found(*drive(80, {40: six})).shifts
+    assert [(shift.axis, shift.frame) for shift in shifts] == [("yaw", 40), ("x", 40)]
+    np.testing.assert_allclose([shift.size for shift in shifts], six[[YAW, X]], rtol=0.1)
+
+
 def test_a_slip_of_the_roads_axes_is_not_put_down_to_others() -> None:
     six = np.array([0.0, 0.0, np.deg2rad(0.6), 0.0, 0.0, 0.0])
     shifts = found(*drive(80, {40: six})).shifts
@@ -171,6 +178,12 @@ def test_who_has_moved_is_told_by_the_cameras_path() -> None:
     rough[:, :3, 3] += 0.03 * rng.standard_normal((60, 3))
     assert who_jumped(rough, 30, X, 0.05, CONFIG) is None
     assert who_jumped(poses, 2, X, 0.05, CONFIG) is None
+    # a camera that comes to look left by 0.3 deg: its heading jumps to the left, the LiDAR then looks right of it
+    left = poses.copy()
+    left[31:, :3, :3] = rotation_y(-np.deg2rad(0.3))
+    assert who_jumped(left, 30, YAW, -np.deg2rad(0.3), CONFIG) == "camera"
+    assert who_jumped(left, 30, YAW, np.deg2rad(0.3), CONFIG) is None
+    assert who_jumped(poses, 30, YAW, np.deg2rad(0.3), CONFIG) == "lidar"
 
 
 def test_the_overlay_of_what_was_found_lies_on_the_pictures_edges() -> None:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_app.drive.card import plain_units
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.widgets import canvas, palette
@@ -36,11 +37,11 @@ def check_html(check: LidarCheck | None) -> str:
             known = np.isfinite(value)
             rows.append([axis, *(axis_words(axis, value, sigma) if known else ("not measured", ""))])
         title = f"LiDAR against its calibration, frames {check.pose.first} to {check.pose.last}"
-        html += numbers_table(title, HEADER, [[cell.replace("+-", "±") for cell in row] for row in rows])
+        html += numbers_table(title, HEADER, [[plain_units(cell) for cell in row] for row in rows])
     for shift in check.shifts:
-        html += note("⚠ " + shift_line(shift).replace("+-", "±"))
+        html += note("⚠ " + plain_units(shift_line(shift)))
     if check.why:
-        html += note(f"Not measured: {check.why}".replace("+-", "±"))
+        html += note(plain_units(f"Not measured: {check.why}"))
     return html
 
 
