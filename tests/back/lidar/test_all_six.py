@@ -215,7 +215,7 @@ def real(request: pytest.FixtureRequest, data_dir: Path):  # type: ignore[no-unt
 
     folder = data_dir / "kitti_raw" / "2011_09_26" / f"2011_09_26_drive_{request.param}_sync"
     source = open_source(str(folder))
-    front_end = FrontEnd(source.camera, PipelineConfig(), source.T_camera_lidar)
+    front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
     results = [front_end.step(source[i]) for i in range({"0009": 12, "0005": 18}[request.param])]
     return results, source.camera, analyse(results, source.camera, PipelineConfig()).poses
 

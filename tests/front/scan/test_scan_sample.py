@@ -138,7 +138,7 @@ def real(kitti_raw_0009: Path):  # type: ignore[no-untyped-def]
 
     source = open_source(str(kitti_raw_0009))
     front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
-    frames = [source[i] for i in (0, 1, 20)]
+    frames = [source[i] for i in (10, 11, 12)]
     return source, frames, [front_end.step(frame) for frame in frames]
 
 
