@@ -44,9 +44,18 @@ class Answer:
         return self.calibration.observability.why
 
 
-def judge(found: Detection, result: Calibration, accept: int | None = None) -> Answer:
-    """Findings and verdict together; with `accept` so many agreeing pairs are enough, however many are refused."""
-    said = findings(found, result)
+def judge(
+    found: Detection,
+    result: Calibration,
+    accept: int | None = None,
+    quick: bool = False,
+    advise: bool = False,
+) -> Answer:
+    """Findings and verdict together; with `accept` so many agreeing pairs are enough, however many are refused.
+
+    `quick` leaves out the findings that take seconds; `advise` asks for the next pose (None: unless the set is good).
+    """
+    said = findings(found, result, quick)
     seen = result.observability
     used = sum(p.ok for p in result.pairs)
     refused = len(refused_names(found, result))
@@ -59,9 +68,9 @@ def judge(found: Detection, result: Calibration, accept: int | None = None) -> A
         seen = replace(seen, verdict="weak", why=f"{spoilt[0]}.")
     elif spoilt:
         seen = replace(seen, why=f"{spoilt[0]}. {seen.why}")
-    pose = (
-        None if seen.verdict == "good" and not spoilt else next_pose(found.observations, result, found.board)
-    )
+    if advise is None:
+        advise = seen.verdict != "good"
+    pose = next_pose(found.observations, result, found.board) if advise else None
     return Answer(replace(result, observability=seen), found, said, pose)
 
 

@@ -266,9 +266,11 @@ def _scatter(pairs: PlanePairs, T: Array, shared: Array | None) -> float:
         return 1.0
     z, _ = mismatch(pairs, T)
     total = block_diagonal(mismatch_covariance(pairs, T)) + (0.0 if shared is None else shared)
-    factor = (
-        float(z.reshape(-1) @ np.linalg.solve(total + 1e-12 * np.eye(len(total)), z.reshape(-1))) / freedom
-    )
+    # A square of another size than stated moves every board along its normal: the ruler's error is none of theirs.
+    sized = np.zeros(len(total))
+    sized[2::3] = VARIANCE.scale_sigma * pairs.offsets_camera
+    total = total + np.outer(sized, sized) + 1e-12 * np.eye(len(total))
+    factor = float(z.reshape(-1) @ np.linalg.solve(total, z.reshape(-1))) / freedom
     return factor if factor > 1.0 + 2.0 * np.sqrt(2.0 / freedom) else 1.0
 
 

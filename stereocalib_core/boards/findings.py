@@ -35,9 +35,9 @@ class Finding:
         return f"{self.cause}: {self.remedy}"
 
 
-def findings(found: Detection, result: Calibration | None) -> tuple[Finding, ...]:
-    """Everything worth saying, the worst first; empty for a sound set."""
-    answers = [finder(found, result) for finder in _FINDERS]
+def findings(found: Detection, result: Calibration | None, quick: bool = False) -> tuple[Finding, ...]:
+    """Everything worth saying, the worst first; empty for a sound set. `quick` asks what takes milliseconds only."""
+    answers = [finder(found, result) for finder in _FINDERS if not (quick and finder in _SLOW)]
     said = [a for a in answers if a is not None]
     return tuple(sorted(said, key=lambda f: not f.spoils))
 
@@ -208,6 +208,7 @@ _FINDERS: tuple[Callable[[Detection, Calibration | None], Finding | None], ...] 
     wrong_size, wrong_camera, mixed_up_clouds, wrong_square, most_common_reason, thin_intrinsics,
     doubtful_intrinsics,
 )  # fmt: skip
+_SLOW = (wrong_camera, mixed_up_clouds)
 _KINDS = {
     "wrong pair": "picture and cloud do not show the same pose",
     "no board in the cloud where": "no board in the cloud where the picture has it",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -78,12 +78,17 @@ def run(
     return answer
 
 
-def solve(found: Detection, with_intrinsics: bool = False, kappa: float | None = None) -> Calibration:
+def solve(
+    found: Detection,
+    with_intrinsics: bool = False,
+    kappa: float | None = None,
+    mask: Sequence[bool] | None = None,
+) -> Calibration:
     """A detection to a calibration; a camera that was estimated from these boards is refined with the rest."""
     usable = [o for o in found.observations if o.ok]
     noise = estimate_noise(usable, kappa) if usable and kappa is not None else None
     free = with_intrinsics or found.camera_is_estimated
-    return calibrate(found.observations, found.board, found.camera, noise=noise, with_intrinsics=free)
+    return calibrate(found.observations, found.board, found.camera, mask, noise, free)
 
 
 def files_of(out: Path) -> list[Path]:

@@ -50,36 +50,30 @@ class Doubt:
 
 
 def second_opinion(problem: JointProblem, held: Refined) -> Doubt | None:
-    """Free what was held, and see whether it, and T with it, leaves by more than its own sigma allows.
+    """Free the intrinsics, and see whether they, and T with them, leave by more than their own sigma allows.
 
-    None when there are too few boards to fit a lens. The move of T counts as an error of its own, shrunk by what
-    chance alone would have moved (the positive part of James and Stein 1961).
+    None when they were free already, or when there are too few boards to fit a lens. The move of T counts as an
+    error of its own, shrunk by what chance alone would have moved (the positive part of James and Stein 1961).
     """
     if len(problem.counts) < SECOND_OPINION.least_boards:
         return None
-    freed = refine(problem, held.state, Free(True, True, True, _ruler(held)))
-    step, block = [], list[int]()
-    count = 4 + len(held.state.camera.D)
-    if not held.free.intrinsics:
-        step += list(intrinsics_of(freed.state.camera) - intrinsics_of(held.state.camera))
-        block += range(6, 6 + count)
-    if not held.free.scale:
-        step.append(freed.state.scale - held.state.scale)
-        block.append(6 + count)
-    if not step:
+    if held.free.intrinsics:
         return None
-    # The ruler holds the scale back and so makes its step smaller: the sigma of the step is what the data say.
+    # The scale gives way in both, or the lens would answer for a square of another size.
+    sized = refine(problem, held.state, Free(True, False, True, _ruler(held)))
+    freed = refine(problem, sized.state, Free(True, True, True, _ruler(held)))
+    step = intrinsics_of(freed.state.camera) - intrinsics_of(held.state.camera)
+    block = np.arange(6, 6 + len(step))
     covariance = freed.joint_covariance[np.ix_(block, block)]
     unit = 1.0 / np.sqrt(np.diag(covariance))
-    moved_by = np.array(step) * unit
+    moved_by = step * unit
     chi = float(moved_by @ np.linalg.pinv(covariance * unit * unit[:, None], rcond=1e-10) @ moved_by)
     beyond = chi > float(chi2.isf(SECOND_OPINION.chance, len(step)))
     moved = np.zeros((6, 6))
     if beyond:
-        d = _difference(freed.state.T_camera_lidar, held.state.T_camera_lidar)
+        d = _difference(freed.state.T_camera_lidar, sized.state.T_camera_lidar)
         moved = max(0.0, 1.0 - len(step) / chi) * np.outer(d, d)
-    sigma = None if held.free.intrinsics else freed.intrinsic_sigma
-    return Doubt(freed.state.camera, sigma, freed.state.scale, chi / len(step), beyond, moved)
+    return Doubt(freed.state.camera, freed.intrinsic_sigma, freed.state.scale, chi / len(step), beyond, moved)
 
 
 def covariance_with_doubt(
@@ -90,7 +84,14 @@ def covariance_with_doubt(
     The ruler's own uncertainty is in it whether or not the scale was free.
     """
     free = Free(True, held.free.intrinsics, True, _ruler(held))
-    covariance = covariance_of(linearise(problem, held.state, free).reduced())[:6, :6]
+    information = linearise(problem, held.state, free).reduced()
+    if held.free.scale:
+        covariance = covariance_of(information)[:6, :6]
+    else:
+        # T is for the stated size, whatever the data say of it: the ruler's error moves it in full.
+        known = covariance_of(information[:-1, :-1])
+        moved_by = known[:6] @ information[:-1, -1] * VARIANCE.scale_sigma
+        covariance = known[:6, :6] + np.outer(moved_by, moved_by)
     if beams is not None:
         covariance = covariance + covariance_of_beams(problem, held.state, beams, free) / scatter
     covariance = split_covariance(covariance * scatter, held.state.T_camera_lidar)
