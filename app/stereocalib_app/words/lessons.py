@@ -202,7 +202,9 @@ LESSONS: Final[tuple[Lesson, ...]] = (
             r"T_{k+1} = T_k\; T_{k \to k+1}",
         ),
         "Points tracked on the road become metres by height, pitch and roll (ū, v̄: from the principal point). The "
-        "motion between frames adds up to the path, and so does every error of the calibration.",
+        "motion between frames adds up to the path, and so does every error of the calibration. The default model "
+        "weighs that depth against the measured disparity, so errors show less in it; the planar one, the paper's, "
+        "trusts it alone.",
         Breakage(
             "Take pitch and roll out",
             "the path shrinks or grows and bends: calibration matters",

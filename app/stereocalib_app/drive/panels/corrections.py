@@ -54,7 +54,8 @@ class CorrectionsPanel:
             "Motion",
             MODELS,
             initial_value="full",
-            hint="full: six degrees of freedom. planar: on the plane. nonholonomic: no side slip at the rear axle.",
+            hint="full: six degrees of freedom, road depth from the extrinsics and the disparity. planar: the paper's, "
+            "on the plane. nonholonomic: planar, no side slip at the rear axle.",
         )
         self._buttons = gui.add_button_group(
             "", ("A / B", "Reset"), hint="A / B swaps with the setting before the last change."
