@@ -207,8 +207,8 @@ class DirectConfig:
     further_unseen_m: float = 0.004
     """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
     the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
-    other_side_rad: float = 0.0436
-    """1 sigma of roll (2.5 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
+    other_side_rad: float = 0.0524
+    """1 sigma of roll (3 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
     share: roads are crowned by up to 5 % to either side. Tuned on the snowy street of Karlsruhe, checked on LiDAR."""
     turning_roll_rad: float = 0.0131
     """1 sigma of roll (0.75 deg) added where the lane is that of a turn: one road's crossfall or another's."""

@@ -1,0 +1,92 @@
+"""The LiDAR's own plane over the same region of the road, fitted independently, on real streets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.front.road.region import Region
+from stereocalib_core.geometry import Extrinsics, Plane, StereoCamera
+from stereocalib_core.sources import open_source
+
+
+def _over_region(
+    points: np.ndarray, region: Region, step: int, camera: StereoCamera, half_m: float
+) -> np.ndarray:
+    """(N, 3) LiDAR points in the camera frame to those seen in the region's strip."""
+    q = points[points[:, 2] > 1.0]
+    u = q[:, 0] / q[:, 2] * camera.focal_px + camera.cx_px
+    v = q[:, 1] / q[:, 2] * camera.focal_px + camera.cy_px
+    cells = cv2.morphologyEx(region.cells.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    j, i = np.floor((u + 0.5) / step).astype(int), np.floor((v + 0.5) / step).astype(int)
+    inside = (j >= 0) & (j < cells.shape[1]) & (i >= 0) & (i < cells.shape[0])
+    q, i, j = q[inside], i[inside], j[inside]
+    x = q[:, 0] - region.strip.slope * q[:, 2] - 0.5 * region.strip.curvature_per_m * q[:, 2] ** 2
+    near, far = region.range_m
+    return q[(cells[i, j] > 0) & (np.abs(x) < half_m) & (q[:, 2] > near) & (q[:, 2] < far)]
+
+
+def _plane(q: np.ndarray, about: Extrinsics) -> tuple[np.ndarray, np.ndarray]:
+    """Height [m], pitch, roll [rad] of the robust plane weighted by road area, and its (3, 3) by cells of 1.5 m."""
+    n = about.plane().normal
+    q = q[np.abs(q[:, 1] - (about.height_m - n[0] * q[:, 0] - n[2] * q[:, 2]) / n[1]) < 0.15]
+    A, area, robust = (
+        np.c_[np.ones(len(q)), q[:, 2], q[:, 0]],
+        np.linalg.norm(q, axis=1) ** 3,
+        np.ones(len(q)),
+    )
+    for _ in range(12):
+        w = area * robust
+        a, b, c = np.linalg.solve(A.T @ (A * w[:, None]), A.T @ (w * q[:, 1]))
+        r = q[:, 1] - A @ [a, b, c]
+        robust = np.clip(1 - (r / (4.5 * max(1.4826 * np.median(np.abs(r)), 0.008))) ** 2, 0, 1) ** 2
+    w = area * robust
+    cells, of = np.unique(np.floor(q[:, [0, 2]] / 1.5), axis=0, return_inverse=True)
+    g = np.zeros((len(cells), 3))
+    np.add.at(g, of.ravel(), A * (w * r)[:, None])
+    inverse = np.linalg.inv(A.T @ (A * w[:, None]))
+    normal = np.array([-c, 1.0, -b])
+    length = float(np.linalg.norm(normal))
+    e = Extrinsics.from_plane(Plane(normal / length, float(a) / length))
+    sign = np.diag([1.0, -1.0, 1.0])
+    return np.array([e.height_m, e.pitch_rad, e.roll_rad]), sign @ inverse @ (g.T @ g) @ inverse @ sign
+
+
+def test_the_road_agrees_with_the_lidar_over_the_same_region(
+    kitti_raw_0005: Path, kitti_raw_0009: Path
+) -> None:
+    config = PipelineConfig()
+    ratios = []
+    for folder in (kitti_raw_0005, kitti_raw_0009):
+        source = open_source(str(folder))
+        T = source.T_camera_lidar
+        assert T is not None
+        front_end = FrontEnd(source.camera, config)
+        off, sigma = [], []
+        for k in range(18 if folder is kitti_raw_0005 else 12):
+            frame = source[k]
+            look = front_end.look(frame)
+            if look.result.road is None or frame.lidar is None:
+                continue
+            assert look.road is not None and look.road.region is not None and look.road.disparity is not None
+            region = look.road.region
+            half = config.direct.wide_half_width_m if region.share < config.direct.wide_below else 1.75
+            points = frame.lidar[:, :3].astype(np.float64) @ T[:3, :3].T + T[:3, 3]
+            seen = _over_region(points, region, look.road.disparity.step_px, source.camera, half)
+            e = look.result.road.extrinsics
+            values, covariance = _plane(seen, e)
+            off.append(np.array([e.height_m, e.pitch_rad, e.roll_rad]) - values)
+            sigma.append(np.sqrt(look.result.road.sigma**2 + np.diag(covariance)))
+        # the two sensors' own calibration is the same in every frame
+        error = np.array(off) - np.median(off, axis=0)
+        scatter = 1.4826 * np.median(np.abs(error), axis=0)
+        assert scatter[0] <= 0.020
+        assert np.all(np.rad2deg(scatter[1:]) <= [0.15, 0.20])
+        ratios.append(np.abs(error) / np.array(sigma))
+    ratio = np.concatenate(ratios)
+    assert 0.60 <= np.mean(ratio < 1.0) <= 0.80
+    assert np.mean(ratio < 2.0) >= 0.92
