@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stereocalib_core.boards import Detection, calibrate, detect, open_folder, run, ticked_mask
-from stereocalib_core.boards.rotations import rotation_angle, rotation_from_roll_pitch_yaw
+from stereocalib_core.boards import Calibration, Detection, calibrate, detect, open_folder, run, ticked_mask
+from stereocalib_core.boards.chessboard import posed_again
+from stereocalib_core.boards.intrinsics import estimate_camera
+from stereocalib_core.boards.rotations import rotation_angle, rotation_from_roll_pitch_yaw, rotation_vector
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.numeric.arrays import Array
 
@@ -61,6 +64,35 @@ def test_two_halves_agree(found: Detection) -> None:
     turn_deg, shift_m = difference(halves[0].T_lidar_camera, halves[1].T_lidar_camera)
     assert turn_deg < 0.6
     assert shift_m < 0.020
+    assert np.all(np.abs(gap(*halves)) < 2.0)
+
+
+def gap(a: Calibration, b: Calibration) -> Array:
+    """(6,) how far two results part, in their joint sigma."""
+    turn = rotation_vector(a.T_camera_lidar[:3, :3] @ b.T_camera_lidar[:3, :3].T)
+    parted = np.concatenate([turn, a.T_camera_lidar[:3, 3] - b.T_camera_lidar[:3, 3]])
+    return parted / np.sqrt(np.diag(a.covariance) + np.diag(b.covariance))
+
+
+@pytest.mark.parametrize("square_m", [0.100, 0.097])
+def test_a_wrong_square_is_measured(found: Detection, square_m: float, reference: Array) -> None:
+    board = replace(found.board, square_m=square_m)
+    observations = [posed_again(o, found.camera, board) for o in found.observations]
+    result = calibrate(observations, board, found.camera)
+    assert result.scale.doubted
+    assert square_m * result.scale.value == pytest.approx(0.095, abs=0.0005)
+    assert difference(result.T_lidar_camera, reference)[1] < 0.040
+
+
+def test_an_estimated_camera_agrees_within_its_sigma(found: Detection) -> None:
+    corners = [o.corners for o in found.observations if o.corners is not None]
+    camera, rms = estimate_camera(corners, (found.camera.width, found.camera.height), found.board)
+    assert camera.model == "fisheye"
+    assert rms < 0.15
+    observations = [posed_again(o, camera, found.board) for o in found.observations]
+    estimated = calibrate(observations, found.board, camera, with_intrinsics=True)
+    known = calibrate(found.observations, found.board, found.camera)
+    assert np.all(np.abs(gap(estimated, known)) < 2.0)
 
 
 def test_ticking_a_pair_out_is_quick(found: Detection) -> None:

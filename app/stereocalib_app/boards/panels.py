@@ -119,7 +119,24 @@ class ResultPanel:
         self._tables = gui.add_markdown("No result yet.")
         gui.add_markdown(
             "T_camera_lidar takes LiDAR points into the camera: X_camera = R X_lidar + t. Held out: each pair "
-            "judged by the others. Below: corner residual over the steps of the joint refinement."
+            "judged by the others."
+        )
+        refine = gui.add_checkbox(
+            "Refine K and D too", False, hint="The camera's own calibration is found together with the rest."
+        )
+        kappa = gui.add_number(
+            "κ [px/m]",
+            0.0,
+            min=0.0,
+            step=0.5,
+            hint="Weight of LiDAR points against corners; 0: by the noise of both.",
+        )
+        page.on_input(refine, lambda value: session.change(refine=bool(value)))
+        page.on_input(kappa, lambda value: session.change(kappa=max(float(value), 0.0)))
+        gui.add_markdown(
+            "Below: the corner residual over the steps of the joint refinement. What falls with every step is the "
+            "cost, corners and cloud together; the corners alone may get a little worse, because at the start each "
+            "board stood where its own picture wanted it, and now it must please the cloud as well."
         )
         self._gui = gui
         self._plot: ChartView | None = None

@@ -28,6 +28,7 @@ NORMAL_M = 0.35
 ELLIPSOID_GAINS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 ELLIPSOID_SHOWN_M = 0.25
 CAMERA_RGB, LIDAR_RGB = palette.ROAD, palette.OBSTACLE
+NEXT_RGB = (90, 170, 255)
 _AXES_RGB = np.array([[230, 80, 60], [60, 180, 80], [80, 130, 240]], dtype=np.uint8)
 _OCTAHEDRON = 0.045 * np.array(
     [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32
@@ -54,6 +55,13 @@ def outlines(poses: list[Array], outline: Array) -> NDArray[np.float32]:
     edges = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
     placed = [edges @ T[:3, :3].T + T[:3, 3] for T in poses]
     return np.concatenate(placed).astype(np.float32) if placed else np.zeros((0, 2, 3), np.float32)
+
+
+def dashes(segments: NDArray[np.float32], count: int = 12) -> NDArray[np.float32]:
+    """(N, 2, 3) segments to (N count, 2, 3) dashes along them, each as long as the gap behind it."""
+    shares = np.arange(count, dtype=np.float32)[:, None] / count + np.array([0.0, 0.5 / count], np.float32)
+    start, way = segments[:, None, None, 0], segments[:, None, None, 1] - segments[:, None, None, 0]
+    return np.asarray(start + shares[None, :, :, None] * way, np.float32).reshape(-1, 2, 3)
 
 
 def ellipsoid_segments(covariance: Array, gain: float, sides: int = 36) -> NDArray[np.float32]:
@@ -90,6 +98,9 @@ class LidarScene:
         self._scene.add_label("/camera/name", "camera", position=(0.0, 0.12, 0.0), anchor="top-center")
         self._name = self._scene.add_label(
             "/lidar/name", "LiDAR", position=(0.0, 0.0, 0.15), anchor="bottom-center"
+        )
+        self._next_name = self._scene.add_label(
+            "/camera/next_name", "hold the next board here", position=(0.0, 0.0, 0.0), visible=False
         )
         self._cloud = self._scene.add_point_cloud(
             "/lidar/cloud", np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8),
@@ -129,6 +140,7 @@ class LidarScene:
         if changed:
             self._show_boards(snapshot, options)
             self._show_ellipsoid(snapshot, options[3])
+            self._show_next(snapshot)
         if self._shown_cloud != name:
             self._show_frustum(snapshot, files)
             cloud = np.zeros((0, 3)) if files.cloud is None else evenly(files.cloud, MOST_CLOUD_POINTS)
@@ -211,6 +223,18 @@ class LidarScene:
         placed = ellipsoid_segments(covariance, gain) + result.T_camera_lidar[:3, 3]
         self._lines("/sigma", placed if known else placed[:0], palette.COMPARED, 2.0)
         self._name.text = f"LiDAR · 1 σ ×{gain}" if known else "LiDAR"
+
+    def _show_next(self, snapshot: LidarSnapshot) -> None:
+        """The pose to add as a ghost: the board's outline in dashes, and a label."""
+        pose = None if snapshot.answer is None else snapshot.answer.pose
+        assert snapshot.detection is not None, "asked for when there is a result"
+        places = [] if pose is None else [pose.T_camera_board]
+        self._lines(
+            "/camera/next", dashes(outlines(places, snapshot.detection.board.outline_board)), NEXT_RGB, 3.0
+        )
+        self._next_name.visible = pose is not None
+        if pose is not None:
+            self._next_name.position = tuple(pose.T_camera_board[:3, 3])
 
     def _show_frustum(self, snapshot: LidarSnapshot, files: PairFiles) -> None:
         assert snapshot.detection is not None, "asked for when there is a result"

@@ -16,7 +16,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.boards import BoardFolder, Calibration, Detection, calibrate, detect, open_folder
+from stereocalib_core.boards import (
+    Answer,
+    BoardFolder,
+    Calibration,
+    Detection,
+    detect,
+    judge,
+    open_folder,
+    solve,
+)
 from stereocalib_core.boards.cloud_files import read_cloud
 from stereocalib_core.boards.folder import read_picture
 from stereocalib_core.boards.trial import Trial, nudged, try_transform
@@ -32,7 +41,8 @@ Nudge = tuple[float, float, float, float, float, float]
 class Wish:
     """What the page wants: the pair on show, names that are ticked out, and the nudge.
 
-    nudge: turns about the camera's x, y, z [deg], then shifts along them [m].
+    nudge: turns about the camera's x, y, z [deg], then shifts along them [m]. refine: intrinsics too; kappa: weight of
+    LiDAR points against corners [px/m], 0 = by their noise.
     """
 
     pair: int = 0
@@ -40,6 +50,8 @@ class Wish:
     nudge: Nudge = NO_NUDGE
     close_up: bool = False
     before: bool = True
+    refine: bool = False
+    kappa: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,7 @@ class LidarSnapshot:
     result: Calibration | None = None
     first: Calibration | None = None
     trial: Trial | None = None
+    answer: Answer | None = None
     solved_for: frozenset[str] = frozenset()
     solve_s: float = 0.0
     wish: Wish = field(default_factory=Wish)
@@ -164,16 +177,17 @@ class LidarSession:
         """Solve if the ticks changed, try the nudge, show."""
         now = self.snapshot
         result, problem, solve_s = now.result, now.problem, now.solve_s
-        if now.stage != "ready" or wish.excluded != now.solved_for:
+        answer = now.answer
+        asked = (wish.excluded, wish.refine, wish.kappa)
+        if now.stage != "ready" or asked != (now.solved_for, now.wish.refine, now.wish.kappa):
             start = time.perf_counter()
             mask = [o.name not in wish.excluded for o in detection.observations]
             try:
-                result, problem = (
-                    calibrate(detection.observations, detection.board, detection.camera, mask),
-                    "",
-                )
+                solved = solve(detection, wish.refine, wish.kappa or None, mask)
+                answer = judge(detection, solved, quick=True, advise=False)
+                result, problem = answer.calibration, ""
             except SourceError as error:
-                result, problem = None, f"{error.what}: {error.where}. {error.remedy}"
+                result, answer, problem = None, None, f"{error.what}: {error.where}. {error.remedy}"
             solve_s = time.perf_counter() - start
             LOG.debug("solved in %.0f ms", 1000 * solve_s)
         trial = None
@@ -183,9 +197,13 @@ class LidarSession:
             trial = try_transform(detection.observations, result, moved)
         first = now.first if now.first is not None else result
         self._publish(
-            stage="ready", problem=problem, result=result, first=first, trial=trial,
+            stage="ready", problem=problem, result=result, first=first, trial=trial, answer=answer,
             solved_for=wish.excluded, solve_s=solve_s, wish=wish,
         )  # fmt: skip
+        if answer is not None and answer is not now.answer:
+            # What takes longer follows when the numbers are on show: the pose to add, and once the slow findings.
+            full = judge(detection, answer.calibration, quick=now.answer is not None, advise=True)
+            self._publish(answer=replace(full, calibration=answer.calibration))
 
     def _files(self, name: str) -> PairFiles:
         problems = []

@@ -36,8 +36,19 @@ def verdict(snapshot: LidarSnapshot) -> str:
     advice = " **Do not use this result.**" if result.degenerate else ""
     return (
         f'<span style="color:{color}">●</span> **{result.verdict}**: {text.escape(result.observability.why, 700)}'
-        f"{advice}"
+        f"{advice}{_causes(snapshot)}"
     )
+
+
+def _causes(snapshot: LidarSnapshot) -> str:
+    """Causes and remedies, and the pose to add: what the ghost in the 3-D view shows."""
+    answer = snapshot.answer
+    if answer is None:
+        return ""
+    said = [f"\n\n{text.escape(f.cause, 400)}: *{text.escape(f.remedy, 300)}*" for f in answer.findings]
+    if answer.pose is not None:
+        said.append(f"\n\n**Next** (the dashed blue board in 3-D): {text.escape(answer.pose.words(), 400)}.")
+    return "".join(said)
 
 
 def result_tables(snapshot: LidarSnapshot) -> str:
