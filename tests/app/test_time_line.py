@@ -16,7 +16,7 @@ from stereocalib_app.server.hub import Hub
 
 pytestmark = pytest.mark.browser
 FRAMES = 24
-DRIVE = f"synthetic:town?frames={FRAMES}&fault=night@14-16"
+DRIVE = f"synthetic:town?frames={FRAMES}&fault=drop@14-16"
 LEFT, RIGHT, RULER, MAP = 46, 8, 18, 24
 """As timeline.js has them."""
 
@@ -237,8 +237,7 @@ def test_a_picture_over_the_whole_window_and_saved(page: Any, tmp_path: Path) ->
     with page.expect_download() as download:
         page.get_by_role("button", name="Save this picture as PNG").click()
     assert (
-        download.value.suggested_filename
-        == "synthetic_town_frames_24_fault_night_14-16_frame0_left_image.png"
+        download.value.suggested_filename == "synthetic_town_frames_24_fault_drop_14-16_frame0_left_image.png"
     )
     page.keyboard.press("Escape")
     until(lambda: page.locator("stereocalib-picture .sc-picture").count(), what="back in its panel")
