@@ -39,6 +39,8 @@ def findings(found: Detection, result: Calibration | None, quick: bool = False) 
     """Everything worth saying, the worst first; empty for a sound set. `quick` asks what takes milliseconds only."""
     answers = [finder(found, result) for finder in _FINDERS if not (quick and finder in _SLOW)]
     said = [a for a in answers if a is not None]
+    if not any(f.spoils for f in said) and (common := most_common_reason(found, result)) is not None:
+        said.append(common)
     return tuple(sorted(said, key=lambda f: not f.spoils))
 
 
@@ -205,7 +207,7 @@ def thin_intrinsics(found: Detection, result: Calibration | None) -> Finding | N
 
 
 _FINDERS: tuple[Callable[[Detection, Calibration | None], Finding | None], ...] = (
-    wrong_size, wrong_camera, mixed_up_clouds, wrong_square, most_common_reason, thin_intrinsics,
+    wrong_size, wrong_camera, mixed_up_clouds, wrong_square, thin_intrinsics,
     doubtful_intrinsics,
 )  # fmt: skip
 _SLOW = (wrong_camera, mixed_up_clouds)
