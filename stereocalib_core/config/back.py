@@ -36,7 +36,7 @@ class RoadPointsConfig:
 
     half_width_m: float = 2.4
     """Points so far to the side are used [m]: the road beside the lane helps to tell roll, as for the direct fit;
-    farther out the crown of the road bends away. Tuned on the synthetic town, seed 5."""
+    farther out the crown of the road bends away. Tuned on the synthetic town, seed 0."""
     min_points: int = 20
     """Fewer points in the lane make no plane: three unknowns and an outlier in five. Numerical."""
     noise_px: float = 0.15
