@@ -1,7 +1,8 @@
 """The back end: from the front end's results of a drive to what its rig is like and where the car went.
 
 Arithmetic over small arrays only; no pixel is touched. The order is a table of contents: filter, yaw and
-lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own calibration, the shifts.
+lever arm, the paths of every variant, the errors against the truth, the mount, the pair's own calibration, the shifts,
+the causes of failed frames.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from stereocalib_core.back.causes import find_causes
 from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.back.lidar.all_six import with_all_six
 from stereocalib_core.back.lidar.road_check import check, who_moved
@@ -139,6 +141,7 @@ def analyse_openly(
         gaps=frames.gaps(best.measured),
         shifts=shifts,
         lidar=lidar,
+        causes=find_causes(results),
         config=config,
     )
     return drive, Workings(tracks, extrinsics, yaw, paths)

@@ -222,3 +222,21 @@ class ConsistencyConfig:
     least_frames: int = 5
     """Fewer around in all say nothing."""
     rounds: int = 4
+
+
+@dataclass(frozen=True, config=STRICT)
+class CausesConfig:
+    """When a number of failed frames differs from that of the good ones so much that it tells why they failed."""
+
+    factor: float = 2.0
+    """Less than the usual by this factor, or more: one stop of light. Less is what auto-exposure and scenery do."""
+    sigmas: float = 4.0
+    """... and by so many robust sigmas of the good frames: once in 16 000 by chance, were they normal."""
+    least_share: float = 0.1
+    """One robust sigma is at least so much of the usual: a drive through one scene scatters less than the next one."""
+    least_frames: int = 5
+    """Fewer good frames tell nothing usual. Numerical."""
+    neighbours: int = 5
+    """Good frames on either side whose number is told as well, where it is not the usual: half a second at 10 Hz."""
+    named: int = 3
+    """Numbers named with a cause: more are not read."""

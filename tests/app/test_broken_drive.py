@@ -18,9 +18,9 @@ from stereocalib_app.drive.earlier_run import open_run
 from stereocalib_app.drive.frame_views import Look
 from stereocalib_app.drive.signals.extrinsics import extrinsics
 from stereocalib_app.drive.signals.row import Known
-from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.server.hub import Hub
 
+from stereocalib_core.back.spans import failed_spans
 from stereocalib_core.errors import SourceError
 from stereocalib_core.files.run_folder import write_run as save
 from stereocalib_core.sources import open_source
@@ -96,7 +96,7 @@ def test_from_the_page_to_a_finding(hub: Hub, open_page: Any) -> None:
     page = open_page(hub)
     page.get_by_role("button", name="Debug", exact=True).click()
     page.get_by_role("button", name="failure ▶").first.click()
-    until(lambda: page.get_by_text("the picture is nearly black").count(), 30.0, "cause on the page")
+    until(lambda: page.get_by_text("too dark: grey").count(), 30.0, "cause on the page")
     assert page.get_by_text("Frame 3 failed: DARK").first.is_visible()
     assert page.foreign == []
     hub.shared.choose("Inspect")

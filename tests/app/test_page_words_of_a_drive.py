@@ -13,11 +13,11 @@ from stereocalib_app.drive.exports import file_name
 from stereocalib_app.drive.panels.debug import verdict
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.drive.settings import Corrections, Settings
-from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.server.hub import MAIN_WIDTH_PX, timeline_width, views_width
 from stereocalib_app.widgets.page_base import PageBase
 from stereocalib_app.widgets.text import duration
 
+from stereocalib_core.back.spans import failed_spans
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import GroundTruth

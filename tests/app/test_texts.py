@@ -12,14 +12,14 @@ import pytest
 from stereocalib_app.drive.panels import debug, faults
 from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Snapshot
-from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.drive.summary import path_legend
 from stereocalib_app.widgets import palette, text
 from stereocalib_app.widgets.chart import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
 from stereocalib_app.widgets.copy_button import copy_button
 from stereocalib_app.words import lessons
-from stereocalib_app.words.remedies import REMEDIES
 
+from stereocalib_core.back.remedies import REMEDIES
+from stereocalib_core.back.spans import failed_spans
 from stereocalib_core.errors import ConfigError, Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import (

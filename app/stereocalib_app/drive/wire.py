@@ -14,9 +14,9 @@ from stereocalib_app.drive.frame_views import FrameView
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.drive.signals.row import Row
-from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.drive.stage_table import STAGES
 from stereocalib_app.widgets import palette
+from stereocalib_core.back.spans import failed_spans
 from stereocalib_core.results import Drive
 
 

@@ -18,17 +18,31 @@ AXES = (
     ("yaw_rad", "yaw", "deg", float(np.rad2deg(1.0)), 3),
 )
 """Field of the mount, its name, unit, factor to the unit, digits."""
+MOST_CAUSES = 5
+"""Stretches of failed frames that are told; report.json has them all."""
 
 
 def answer(drive: Drive, out: Path) -> list[str]:
     """The last lines of `stereocalib run`."""
     lines = [_mount(drive), *_pair(drive), *_lidar(drive)]
-    for cause in drive.causes:
-        where = f"frames {cause.first} to {cause.last}"
-        lines.append(f"{where}: {cause.reason}, probably {cause.cause}; remedy: {cause.remedy}")
+    lines += _causes(drive)
     lines += _remedy(drive, out)
     there = [name for name in FILES if (out / name).is_file()]
     return ["answer:", *(f"  {line}" for line in lines), f"  files in {out}: {', '.join(there)}"]
+
+
+def _causes(drive: Drive) -> list[str]:
+    """Why frames failed: the longest stretches, in the order of the drive."""
+    longest = sorted(drive.causes, key=lambda c: (c.first - c.last, c.first))[:MOST_CAUSES]
+    lines = []
+    for cause in sorted(longest, key=lambda c: c.first):
+        one = cause.first == cause.last
+        where = f"frame {cause.first}" if one else f"frames {cause.first} to {cause.last}"
+        lines.append(f"{where}: {cause.reason}, probably {cause.cause}; remedy: {cause.remedy}")
+    rest = len(drive.causes) - len(longest)
+    return (
+        [*lines, f"{rest} more such stretches, none longer: likely_causes in report.json"] if rest else lines
+    )
 
 
 def _mount(drive: Drive) -> str:

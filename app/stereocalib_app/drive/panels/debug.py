@@ -13,10 +13,10 @@ from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.faults import FaultsPanel
 from stereocalib_app.drive.session import Snapshot
-from stereocalib_app.drive.spans import failed_spans
 from stereocalib_app.widgets import palette, text
-from stereocalib_app.words.remedies import REMEDIES
+from stereocalib_core.back.remedies import REMEDIES
 from stereocalib_core.back.rig.shift_alarm import UNSEEN
+from stereocalib_core.back.spans import failed_spans
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.results import Cause, Check
 
