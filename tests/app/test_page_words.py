@@ -35,7 +35,7 @@ def test_a_page_comes_back_from_its_words() -> None:
 @pytest.mark.parametrize(
     "word",
     [
-        *("preset=Play", "layout=", "follow=yes", "teach_step=9", "teach_step=1.5", "pitch_error_deg=nan"),
+        *("preset=Play", "layout=", "follow=yes", "teach_step=99", "teach_step=1.5", "pitch_error_deg=nan"),
         *("pitch_error_deg=2.1", "yaw_strength=-1", "height_error_m=x", "hide=none", "colour=red", "=", ""),
     ],
 )

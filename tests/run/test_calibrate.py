@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from stereocalib_app.cli.main import main
+from stereocalib_app.drive.frame_views import Look
 from stereocalib_app.drive.session import Session
 
 import stereocalib_core as sc
@@ -24,11 +25,21 @@ class Counting:
     """Our matcher, counting its calls; what it gives is shifted by `by` pixels."""
 
     def __init__(self, by: float = 0.0) -> None:
-        self.calls, self.by = 0, np.float32(by)
+        self.steps: list[int] = []
+        self.by = np.float32(by)
+
+    @property
+    def calls(self) -> int:
+        return len(self.steps)
+
+    @property
+    def fine(self) -> int:
+        """Without the coarse maps in which the first pairs look for how near the road comes."""
+        return self.steps.count(min(self.steps))
 
     def __call__(self, *pair: object, **more: object) -> sc.DisparityMap:
-        self.calls += 1
         found = matching.compute(*pair, **more)  # type: ignore[arg-type]
+        self.steps.append(found.step_px)
         return sc.DisparityMap(found.values + self.by, found.step_px)
 
 
@@ -63,18 +74,18 @@ def test_a_range_of_frames_of_an_open_source() -> None:
 
 def test_a_run_matches_each_pair_once_also_when_it_is_recorded(tmp_path: Path, counting: Counting) -> None:
     run_drive(DRIVE, tmp_path / "run", rrd=True)
-    assert counting.calls == 8
+    assert counting.fine == 8 and counting.calls <= 11
 
 
 def test_a_page_matches_each_pair_once(counting: Counting) -> None:
     session = Session(sc.open_source(DRIVE), sc.PipelineConfig())
-    session.views.get(0, "all stages")  # the first picture is asked for before the front end has begun
+    session.views.get(0, Look("v-disparity"))  # the first picture is asked for before the front end has begun
     session.start()
     assert session.wait(60.0)
     for frame in range(8):
-        assert session.views.get(frame, "all stages").jpeg
+        assert session.views.get(frame, Look("v-disparity")).jpeg
     session.close()
-    assert counting.calls == 8
+    assert counting.fine == 8 and counting.calls <= 11
 
 
 def test_what_is_matched_once_is_what_the_matcher_gives() -> None:
@@ -103,7 +114,7 @@ def test_another_matcher_is_what_the_front_end_sees() -> None:
         roads.append(road.extrinsics)
     assert roads[0] == roads[1]
     expected = roads[0].height_m / (source.camera.baseline_m * source.camera.focal_px)
-    assert abs(roads[2].pitch_rad - roads[0].pitch_rad) == pytest.approx(expected, rel=0.1)
+    assert abs(roads[2].pitch_rad - roads[0].pitch_rad) == pytest.approx(expected, rel=0.15)
 
 
 def test_matchers_that_are_none_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

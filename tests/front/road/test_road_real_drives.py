@@ -60,7 +60,7 @@ def _drive(folder: Path, method: str) -> FrameTable:
     """The drive's frames as they are told: each with what those before and around it say of it."""
     source = open_source(str(folder))
     config = PipelineConfig(method=method)  # type: ignore[arg-type]
-    front_end = FrontEnd(source.camera, config, source.T_camera_lidar)
+    front_end = FrontEnd(source.camera, config, T_camera_lidar=source.T_camera_lidar)
     return analyse([front_end.step(source[i]) for i in range(len(source))], source.camera, config).frames
 
 
