@@ -23,7 +23,7 @@ demo: $(READY)  ## the app on the embedded synthetic drive
 	$(BIN)/stereocalib demo $(ARGS)
 
 test: $(DEV)  ## every test; browser tests need a Chromium or Chrome on the machine
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 campaign: $(DEV)  ## damaged files, hostile messages, kills and floods by the thousand: a quarter of an hour
 	$(BIN)/python tests/campaign
