@@ -91,6 +91,7 @@ def calibrate(
     Raises StereoCalibError for input that cannot be used; a bad frame is a row with its reason.
     """
     from stereocalib_core.back.analyse import analyse
+    from stereocalib_core.run.lag import with_lag
 
     recording = open_source(source) if isinstance(source, str) else source
     config = config or PipelineConfig()
@@ -102,7 +103,9 @@ def calibrate(
             progress(len(done), stop - start, "frames")
     elapsed_s = time.perf_counter() - began
     truth = cut_truth(recording.ground_truth, start, start + len(done))
-    drive = analyse([d.result for d in done], recording.camera, config, truth, rig)
+    results = [d.result for d in done]
+    drive = analyse(results, recording.camera, config, truth, rig)
+    drive = with_lag(drive, results, recording, config.rectification)
     return told(drive, source if isinstance(source, str) else recording.name, recording, done, elapsed_s)
 
 

@@ -259,7 +259,11 @@ def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Dri
 def _drive(job: Job, done: list[Done], elapsed_s: float) -> tuple[Drive, GroundTruth | None]:
     """What the frames of a whole drive say, and the truth that they are held against."""
     truth = cut_truth(job.source.ground_truth, job.start, job.start + len(done))
-    drive = _told(_analyse([d.result for d in done], job, truth), job, done, elapsed_s)
+    from stereocalib_core.run.lag import with_lag
+
+    results = [d.result for d in done]
+    drive = _told(_analyse(results, job, truth), job, done, elapsed_s)
+    drive = with_lag(drive, results, job.seen, job.config.rectification)
     return dataclasses.replace(drive, mended=job.mending), truth
 
 
