@@ -24,7 +24,7 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.results import Tolerance
 
 SIZES = ((1600, 900), (1280, 720))
-DRIVE = "synthetic:town?frames=120&fault=night@40-46&fault=knock:pitch=0.5@80"
+DRIVE = "synthetic:town?frames=120&fault=truck@40-46&fault=knock:pitch=0.5@80"
 LIMITS = {
     "height_m": Tolerance(1.65, 0.03),
     "pitch_rad": Tolerance(*np.deg2rad([0.8, 0.3])),

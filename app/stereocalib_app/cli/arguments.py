@@ -80,7 +80,7 @@ def build_parser() -> Parser:
     demo = add(
         "demo",
         "open the app on the embedded synthetic drive",
-        "stereocalib demo --frames 120 --fault night@40-46",
+        "stereocalib demo --frames 120 --fault truck@40-46",
     )
     _add_server(demo)
     _add_tolerance(demo)

@@ -14,7 +14,7 @@ sources (SOURCE is recognised by what is in it):
                               ROS 1 or 2 bag, MCAP; topics are found where there is one choice
   synthetic[:NAME][?key=value&...]
                               a rendered drive with known truth: town, curves, straight, plane,
-                              e.g. 'synthetic:town?frames=120&fault=night@40-46'
+                              e.g. 'synthetic:town?frames=120&fault=truck@40-46'
   video:FILE?camera=camera.yaml[&layout=side-by-side|top-bottom|half-width]
   video:LEFT,RIGHT?camera=camera.yaml, video:0?camera=camera.yaml
                               one video, two videos, or a live camera
@@ -28,7 +28,7 @@ exit codes: 0 fine, 2 bad usage or input, 3 finished but not to be trusted, 130 
 TOP = f"""\
 examples:
   stereocalib demo                              see it work, no data needed
-  stereocalib demo --frames 120 --fault night@40-46
+  stereocalib demo --frames 120 --fault truck@40-46
                                                 why frames fail, on a drive broken on purpose
   stereocalib run sequences/06 --out run06      numbers for a drive
   stereocalib view sequences/06                 the same, live in a browser

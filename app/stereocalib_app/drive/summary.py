@@ -77,7 +77,10 @@ def path_table(paths: PathState) -> str:
         return note("The paths appear as soon as some frames are computed.")
     colors = {name: palette.VARIANT[key] for key, name in palette.VARIANT_NAME.items()}
     return numbers_table(
-        "Where each path ends [m, %, °]", ("", "length", "error", "%", "t_rel %", "heading"), rows, colors
+        "Where each path ends [m, %, °; t_rel in %]",
+        ("", "length", "error", "%", "t_rel", "turn"),
+        rows,
+        colors,
     )
 
 
