@@ -34,7 +34,7 @@ SOURCE = "synthetic:plane?frames=24"
 GROWTH_MB = 1000.0
 """Over the memory at the start: what no message and no upload may make it exceed."""
 ANSWER_S = 2.0
-"""How long another browser may wait for its frame behind a flood."""
+"""How long the last of a flood of wishes may take to be seen."""
 KINDS = (
     "GuiUpdateMessage", "ViewerCameraMessage", "FileTransferStartUpload", "FileTransferPart",
     "GuiCloseModalMessage", "ScenePointerMessage", "SceneNodeClickMessage", "TransformControlsUpdateMessage",
@@ -118,7 +118,7 @@ def answers(server: Server) -> float:
     try:
         began = time.monotonic()
         watcher.set("Frame", wanted)
-        watcher.until(lambda window: any(frame == wanted for _, frame, _ in frames_in([window])))
+        watcher.until(lambda window: any(frame == wanted for _, frame in frames_in([window])))
         return time.monotonic() - began
     finally:
         watcher.client.close()
@@ -191,20 +191,20 @@ def reconnects(server: Server, count: int) -> Row:
 
 
 def flood(server: Server, count: int) -> Row:
-    """One browser sends so many slider messages at once; another one asks for a frame right behind."""
+    """One browser sends so many slider messages at once: the other one soon sees the last of them, not all."""
     before = server.said()
     wild, other = Watcher(server.port), Watcher(server.port)
     slider = wild.controls["Frame"]["uuid"]
     for index in range(count):
         wild.client.send_update(slider, {"value": index % 20})
     began = time.monotonic()
-    other.set("Frame", 23)
-    other.until(lambda window: any(frame == 23 for _, frame, _ in frames_in([window])))
+    wild.client.send_update(slider, {"value": 23})
+    other.until(lambda window: any(frame == 23 for _, frame in frames_in([window])))
     waited, said = time.monotonic() - began, server.said() - before
     for watcher in (wild, other):
         watcher.client.close()
     return Row(
-        "slider messages at once", count, said + (waited > ANSWER_S), f"another browser waited {waited:.2f} s"
+        "slider messages at once", count, said + (waited > ANSWER_S), f"the last is seen after {waited:.2f} s"
     )
 
 

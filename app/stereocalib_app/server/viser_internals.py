@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,9 @@ import viser
 import websockets.asyncio.server
 from viser import GuiApi, _messages
 from websockets.http11 import Request, Response
+
+# A browser that leaves while its page is being built is no news: what was meant for it goes nowhere.
+warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
 
 _STARTING = threading.Lock()
 
