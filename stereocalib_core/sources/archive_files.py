@@ -17,9 +17,8 @@ from stereocalib_core.errors import SourceError
 from stereocalib_core.sources.pictures import PICTURE_SUFFIXES
 
 DAMAGED = (
-    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError),
-    *(NotImplementedError, OverflowError),
-)
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, OverflowError,
+)  # fmt: skip
 """What reading a damaged, encrypted or unusual zip raises."""
 SMALL, LIST, LARGE = 256 << 10, 64 << 20, 400 << 20
 LIMITS = {
