@@ -26,9 +26,10 @@ def with_lag(
 ) -> Drive:
     """The drive, with UNSYNCHRONISED as its cause where fewer than half the frames are ok and the pictures say so.
 
-    It takes the place of what was blamed on the scene: no truck stood there.
+    It takes the place of what was blamed on the scene: no truck stood there. A live source can't be asked again:
+    whatever it gave next would be another moment.
     """
-    if drive.frames_ok >= MIN_OK_FRACTION * len(drive.frames):
+    if source.live or drive.frames_ok >= MIN_OK_FRACTION * len(drive.frames):
         return drive
     failed = [r.frame for r in results if r.failure is not None and r.failure.reason in BLAMED]
     inside = [i for i in failed if i + min(LAGS) >= 0 and i + max(LAGS) < len(source)]

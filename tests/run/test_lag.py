@@ -8,9 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from stereocalib_core.config import PipelineConfig, RectificationConfig
+from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.front.rows.lag import lag_of
-from stereocalib_core.results import Drive
+from stereocalib_core.results import Drive, FrameResult
 from stereocalib_core.run.drive import run_drive
+from stereocalib_core.run.lag import with_lag
 from stereocalib_core.sources import open_source
 
 SIZE = "width=613&height=185&focal_px=353.5&cx_px=300.5&cy_px=91.5"
@@ -60,3 +63,18 @@ def test_what_is_not_sure_is_no_lag() -> None:
     assert lag_of(np.array([[30.0, 30.0, 29.0, 30.0, 30.0]] * 16)) is None
     assert lag_of(np.array([[0.0, 0.0, 0.0, 900.0, 0.0], *[own] * 5])) is None
     assert lag_of(np.empty((0, 5))) is None
+
+
+def test_a_live_source_is_not_asked_again() -> None:
+    """What it gave next would be another moment, or the end of the device."""
+
+    class Ended(list[None]):
+        live = True
+
+        def __getitem__(self, index: object) -> None:  # type: ignore[override]
+            raise IndexError("the live camera has ended")
+
+    failure = Failure(FailureReason.NO_ROAD, "a truck")
+    blind = [FrameResult(frame=i, timestamp_s=0.1 * i, road=None, failure=failure) for i in range(20)]
+    drive = Drive.of_frames(blind, PipelineConfig())
+    assert with_lag(drive, blind, Ended([None] * 20), RectificationConfig()) is drive  # type: ignore[arg-type]

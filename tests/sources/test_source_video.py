@@ -169,7 +169,7 @@ def test_an_unrectified_video_is_rectified(tmp_path: Path) -> None:
 
 
 class Device:
-    """A camera that gives 150 pictures, 100 a second at most, in place of `cv2.VideoCapture`."""
+    """A camera that gives 300 pictures, 100 a second at most, in place of `cv2.VideoCapture`."""
 
     def __init__(self, number: int) -> None:
         self.given = 0
@@ -186,7 +186,7 @@ class Device:
     def read(self) -> tuple[bool, np.ndarray | None]:
         time.sleep(0.01)
         self.given += 1
-        return self.given <= 150, side_by_side(self.given % 40)
+        return self.given <= 300, side_by_side(self.given % 40)
 
 
 def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +198,7 @@ def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest
         time.sleep(0.1)
 
     drive = run_drive(f"video:0?camera={tmp_path / 'camera.yaml'}", tmp_path / "out", progress=slow)
-    assert 3 < len(drive.frames) < 75
+    assert 2 <= len(drive.frames) < 150
     rows = list(csv.DictReader((tmp_path / "out" / "extrinsics.csv").open()))
     times = np.array([float(row["timestamp_s"]) for row in rows])
     assert np.all(np.diff(times) > 0)
