@@ -140,7 +140,8 @@ def residual_figure(result: Calibration) -> Figure:
         ax.bar(range(len(names)), np.nan_to_num(np.array(values, dtype=float)), color=colours)
         ax.set_ylabel(label)
         good = [v for v, p in zip(values, result.pairs, strict=True) if p.ok and np.isfinite(v)]
-        ax.set_ylim(0, 1.6 * max(good, default=1.0))
+        # Perfect data has residuals of nothing: an axis still needs a height.
+        ax.set_ylim(0, 1.6 * max(good, default=0.0) or 1.0)
     axes[2].set_xticks(range(len(names)), names, rotation=60, ha="right")
     axes[0].set_title("residuals per pair (green: used, red: refused)")
     return figure
