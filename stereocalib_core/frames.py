@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -13,6 +14,14 @@ from stereocalib_core.calibration import StereoCalibration
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import StereoCamera
 
+LATE_S = 1e6
+"""A clock that reads more than eleven days at the first frame counts from elsewhere than this recording."""
+
+
+def epoch_of(first_s: float) -> float:
+    """The whole second that a recording's times are counted from: that of its first, 0 for one that starts near 0."""
+    return float(math.floor(first_s)) if abs(first_s) >= LATE_S else 0.0
+
 
 @dataclass(frozen=True)
 class StereoFrame:
@@ -21,6 +30,7 @@ class StereoFrame:
     left, right: (H, W) uint8 grey images, or None where `failure` says why.
     lidar: (N, 4) float32 points x y z [m] and intensity in the LiDAR's frame, or None.
     camera: the pair's own where it differs from the recording's, as in sets of single pairs.
+    timestamp_s: since the recording's `epoch_s`.
     lidar_sweep: turns of the LiDAR from frame to frame, > 0 counter-clockwise seen from above, with the shutter when it
         faces ahead; 0: a scan of one moment, or made one; None: not known.
     """
@@ -56,6 +66,8 @@ class FrameSource(Protocol):
     `notices` says in one line each what the recording lacks or what was left unused.
     `T_camera_lidar` (4, 4) is given where frames carry LiDAR scans.
     `content_key` changes when the content changes (names a cache).
+    `timestamps_s`: (N,) since `epoch_s`, the whole second since 1970 at which a recording that counts from there
+    begins, else 0: seconds since 1970 in one float resolve a quarter of a microsecond only.
     `live`: frames come as they happen, `[i]` gives the newest one and raises IndexError when there are no more.
     """
 
@@ -67,6 +79,9 @@ class FrameSource(Protocol):
 
     @property
     def timestamps_s(self) -> NDArray[np.float64]: ...
+
+    @property
+    def epoch_s(self) -> float: ...
 
     @property
     def ground_truth(self) -> GroundTruth | None: ...
@@ -106,6 +121,7 @@ class Recording:
     content_key: str = ""
     live: bool = False
     calibration: StereoCalibration | None = None
+    epoch_s: float = 0.0
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

@@ -121,7 +121,7 @@ def analyse_openly(
         for name, settings in all_variants(lever.value).items()
     }
     best = paths[BEST]
-    motion = MotionSeries.from_path(frames.timestamp_s, best, tracks, config.vehicle)
+    motion = MotionSeries.from_path(frames.elapsed_s, best, tracks, config.vehicle)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
     lidar = check(results, config.road_check)
     if lidar is not None:

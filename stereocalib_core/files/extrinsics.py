@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import FailureReason, SourceError
+from stereocalib_core.frames import epoch_of
 from stereocalib_core.results import AXES, TO_DEGREES, FrameTable, column_name
 from stereocalib_core.system.whole_file import write_atomic
 
@@ -93,9 +94,11 @@ def read_extrinsics_csv(path: Path) -> FrameTable:
     frame = numbers("frame")
     if not np.isfinite(frame).all():
         raise SourceError("bad column frame", path, "run the drive again")
+    times = numbers("timestamp_s")
+    epoch_s = epoch_of(times[0]) if len(times) and np.isfinite(times[0]) else 0.0
     return FrameTable(
         frame=frame.astype(np.int64),
-        timestamp_s=numbers("timestamp_s"),
+        elapsed_s=times - epoch_s,
         ok=np.array([status == "ok" for status in texts("status")], dtype=np.bool_),
         reason=texts("reason"),
         values=series("values"),
@@ -107,4 +110,5 @@ def read_extrinsics_csv(path: Path) -> FrameTable:
         filter_state=texts("filter_state"),
         free_fraction=numbers("free_fraction"),
         inliers=numbers("inliers"),
+        epoch_s=epoch_s,
     )

@@ -150,7 +150,7 @@ class Recorder:
             self._event(drive, found.frame, f"LiDAR: {shift_text(found)}")
 
     def _columns(self, drive: Drive, rows: NDArray[np.int64]) -> list[Any]:
-        frames, times = drive.frames.frame[rows], drive.frames.timestamp_s[rows]
+        frames, times = drive.frames.frame[rows], drive.frames.elapsed_s[rows]
         return [self._rr.TimeColumn("frame", sequence=frames), self._rr.TimeColumn("time", duration=times)]
 
     def _filtered(self, drive: Drive) -> None:
@@ -180,7 +180,7 @@ class Recorder:
     def _event(self, drive: Drive, frame: int, text: str) -> None:
         row = min(max(frame - int(drive.frames.frame[0]), 0), len(drive.frames) - 1)
         self._stream.set_time("frame", sequence=int(drive.frames.frame[row]))
-        self._stream.set_time("time", duration=float(drive.frames.timestamp_s[row]))
+        self._stream.set_time("time", duration=float(drive.frames.elapsed_s[row]))
         self._stream.log("events", self._rr.TextLog(text, level=EVENT))
 
 

@@ -44,7 +44,8 @@ def column_name(axis: str, series: str) -> str:
 class FrameTable:
     """N frames, one entry or row each; NaN = there is none.
 
-    frame: (N,) numbers. timestamp_s: (N,). ok: (N,) whether the pair shows the road. reason: why not, or empty.
+    frame: (N,) numbers. elapsed_s: (N,) since epoch_s, the source's; `timestamp_s` is the sum of both.
+    ok: (N,) whether the pair shows the road. reason: why not, or empty.
     values, sigma: (N, 3) height [m], pitch, roll [rad] of each pair by itself.
     filtered, filtered_sigma: (N, 3) with the frames before. smoothed, smoothed_sigma: (N, 3) with those after too.
     filter_state: `updated`, `predicted` (no measurement in this frame), or `none`.
@@ -54,7 +55,7 @@ class FrameTable:
     """
 
     frame: NDArray[np.int64]
-    timestamp_s: Array
+    elapsed_s: Array
     ok: NDArray[np.bool_]
     reason: tuple[str, ...]
     values: Array
@@ -66,6 +67,7 @@ class FrameTable:
     filter_state: tuple[str, ...]
     free_fraction: Array
     inliers: Array
+    epoch_s: float = 0.0
 
     @classmethod
     def of(
@@ -87,7 +89,7 @@ class FrameTable:
         roads = [r.road for r in results]
         return cls(
             frame=np.array([r.frame for r in results], dtype=np.int64),
-            timestamp_s=np.array([r.timestamp_s for r in results], dtype=np.float64),
+            elapsed_s=np.array([r.timestamp_s for r in results], dtype=np.float64),
             ok=np.array([r.ok for r in results], dtype=np.bool_),
             reason=tuple(r.reason for r in results),
             values=estimates(results),
@@ -113,12 +115,17 @@ class FrameTable:
                 road = RoadEstimate(Extrinsics(*values), covariance, count, free, unknown)
             elif self.reason[i]:
                 failure = Failure(FailureReason(self.reason[i]), "as written by the run")
-            time_s = float(self.timestamp_s[i])
+            time_s = float(self.elapsed_s[i])
             found.append(FrameResult(int(self.frame[i]), time_s, road, failure, free, count))
         return found
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def timestamp_s(self) -> Array:
+        """(N,) by the recording's own clock [s]."""
+        return self.epoch_s + self.elapsed_s
 
     @property
     def columns(self) -> Mapping[str, NDArray[Any]]:

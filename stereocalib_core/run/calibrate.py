@@ -112,7 +112,10 @@ def calibrate(
 def told(drive: Drive, spec: str, source: FrameSource, done: Sequence[Done], elapsed_s: float) -> Drive:
     """The drive with what only its run knows."""
     timing = Timing.of([d.result for d in done], elapsed_s, [d.total_ms for d in done])
-    return dataclasses.replace(drive, source=spec, timing=timing, notices=tuple(source.notices))
+    frames = dataclasses.replace(drive.frames, epoch_s=source.epoch_s)
+    return dataclasses.replace(
+        drive, frames=frames, source=spec, timing=timing, notices=tuple(source.notices)
+    )
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:

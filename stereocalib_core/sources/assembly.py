@@ -63,8 +63,8 @@ def recording(parts: Parts) -> Recording:
     ready = opened(parts.found.calibration, size, where)
     check_usable(pairs, found, folder)
     fps = parts.fps or parts.found.calibration.fps or KITTI_FPS
-    times_s, time_notices = frame_times(parts.times, pairs.rows, fps, parts.times_name)
-    truth, truth_notices = (None, []) if parts.truth is None else parts.truth(times_s)
+    times_s, epoch_s, time_notices = frame_times(parts.times, pairs.rows, fps, parts.times_name)
+    truth, truth_notices = (None, []) if parts.truth is None else parts.truth(epoch_s + times_s)
     notices = [*pairs.notices, *time_notices, *truth_notices, *parts.notices, *ready.notes]
     load: Load = PairReader(pairs, PictureFormat(*size, found.bits), times_s)
     if ready.rectifier is not None:
@@ -85,6 +85,7 @@ def recording(parts: Parts) -> Recording:
         T_camera_lidar=T_camera_lidar,
         content_key=content_key(parts.kind, files, pairs.stems, *parts.key),
         calibration=parts.found.calibration,
+        epoch_s=epoch_s,
     )
 
 

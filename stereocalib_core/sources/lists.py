@@ -49,8 +49,8 @@ def times_or_note(path: Path | None) -> Times | None:
 
 def frame_times(
     times: Times | None, rows: Sequence[int], fps: float, name: str
-) -> tuple[NDArray[np.float64], list[str]]:
-    """(N,) seconds per frame, and what had to be assumed.
+) -> tuple[NDArray[np.float64], float, list[str]]:
+    """(N,) seconds per frame since an epoch, that epoch, and what had to be assumed.
 
     Without a list, or with one that does not increase, frames come at `fps`; a list that ends early goes
     on with its own median step, a row without a time lies halfway between its neighbours.
@@ -59,11 +59,11 @@ def frame_times(
     uniform = np.arange(count) / fps
     notes = [] if times is None else list(times.notes)
     if times is None or len(times.seconds) == 0:
-        return uniform, [*notes, f"no {name}: {fps:g} frames a second assumed"]
+        return uniform, 0.0, [*notes, f"no {name}: {fps:g} frames a second assumed"]
     picked = pick_rows(times.seconds, rows)
     known = np.nonzero(np.isfinite(picked))[0]
     if len(known) < 1 or np.any(np.diff(picked[known]) <= 0):
-        return uniform, [*notes, f"{name} does not increase: {fps:g} frames a second assumed"]
+        return uniform, 0.0, [*notes, f"{name} does not increase: {fps:g} frames a second assumed"]
     first, end = int(known[0]), int(known[-1]) + 1
     step = float(np.median(np.diff(picked[known]) / np.diff(known))) if len(known) > 1 else 1.0 / fps
     empty = [i for i in range(end) if not np.isfinite(picked[i])]
@@ -76,7 +76,7 @@ def frame_times(
     if end < count:
         picked[end:] = picked[end - 1] + step * np.arange(1, count - end + 1)
         notes.append(f"{name} ends after {end} of {count} frames: continued in steps of {step:.4g} s")
-    return picked, notes
+    return picked, times.epoch_s, notes
 
 
 def poses_from_rows(rows_12: NDArray[np.float64]) -> NDArray[np.float64]:

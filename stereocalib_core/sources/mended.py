@@ -60,6 +60,11 @@ class MendedSource:
         return self.source.timestamps_s
 
     @property
+    def epoch_s(self) -> float:
+        """The source's."""
+        return self.source.epoch_s
+
+    @property
     def ground_truth(self) -> GroundTruth | None:
         """The source's."""
         return self.source.ground_truth

@@ -4,14 +4,17 @@ frame numbers or file names beside them."""
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.errors import SourceError
+from stereocalib_core.frames import epoch_of
 from stereocalib_core.system.tables import split_words
 from stereocalib_core.system.text_file import lines, to_number
 
@@ -24,16 +27,28 @@ _DATE = re.compile(
     r"(\d{4})[-/.](\d\d?)[-/.](\d\d?)[ T_](\d\d?)[:.](\d\d)[:.](\d\d)(?:[.,](\d+))?(Z|[+-]\d\d:?\d\d)?"
 )
 UNITS = ((1, "s"), (10**3, "ms"), (10**6, "us"), (10**9, "ns"))
+Stamp = int | float | Fraction
+"""As it was written: whole numbers and long decimals exactly."""
 _EPOCHS = {1: (9e8, 5e9), 10**3: (9e11, 5e12), 10**6: (9e14, 5e15), 10**9: (9e17, 5e18)}
 """What the years 1998 to 2128 are in each unit, counted from 1970."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """seconds: (N,), one a row, NaN where a row has none. notes: what had to be assumed, one line each."""
+    """seconds: (N,) since epoch_s, one a row, NaN where a row has none. notes: what had to be assumed."""
 
     seconds: NDArray[np.float64]
     notes: tuple[str, ...] = ()
+    epoch_s: float = 0.0
+
+
+def since_epoch(stamps: Sequence[Stamp | None], per_second: int) -> tuple[NDArray[np.float64], float]:
+    """(N,) seconds since the epoch of the first stamp, NaN for None, and that epoch; exact for whole numbers."""
+    first = next((stamp for stamp in stamps if stamp is not None), 0)
+    epoch_s = epoch_of(float(first) / per_second)
+    start = int(epoch_s) * per_second
+    parts = (np.nan if stamp is None else float(stamp - start) / per_second for stamp in stamps)
+    return np.array(list(parts), dtype=np.float64), epoch_s
 
 
 def read_times(path: Path) -> Times | None:
@@ -43,7 +58,7 @@ def read_times(path: Path) -> Times | None:
     """
     if not path.is_file():
         return None
-    rows: list[int | float | None] = []
+    rows: list[Stamp | None] = []
     header: list[str] = []
     dated = False
     for number, line in enumerate(lines(path, MAX_BYTES, "times"), start=1):
@@ -72,10 +87,7 @@ def read_times(path: Path) -> Times | None:
     return _in_seconds(rows, header, dated, path.name)
 
 
-Row = tuple[int | float, ...]
-
-
-def _value(text: str, header: list[str], number: int) -> tuple[int | float | None, bool]:
+def _value(text: str, header: list[str], number: int) -> tuple[Stamp | None, bool]:
     """The time of one line, as a whole number where it is one, and whether it was a date."""
     if text.isdecimal() and text.isascii() and len(text) <= 25:
         return int(text), False  # most lists are nothing else, and may be long
@@ -106,9 +118,11 @@ def _value(text: str, header: list[str], number: int) -> tuple[int | float | Non
     return numbers[0], False
 
 
-def _exact(word: str) -> int | float | None:
+def _exact(word: str) -> Stamp | None:
     if len(word) <= 25 and re.fullmatch(r"[+-]?\d+", word):
         return int(word)
+    if re.fullmatch(r"\d{7,19}\.\d{1,9}", word):
+        return Fraction(word)
     return to_number(word)
 
 
@@ -125,26 +139,25 @@ def _nanoseconds(date: re.Match[str]) -> int | None:
     return (int(moment.total_seconds()) - offset) * 10**9 + int(f"{fraction or '0':0<9.9}")
 
 
-def _in_seconds(rows: list[int | float | None], header: list[str], dated: bool, name: str) -> Times:
+def _in_seconds(rows: list[Stamp | None], header: list[str], dated: bool, name: str) -> Times:
     known = [row for row in rows if row is not None]
     if dated:
         # dates count from the first one: their zone is not known
         first = next(row for row in rows if row is not None)
         return Times(np.array([np.nan if row is None else (row - first) / 10**9 for row in rows]))
     per_second, unit = _unit(known, header)
-    seconds = np.array([np.nan if row is None else row / per_second for row in rows], dtype=np.float64)
-    if per_second == 1:
-        return Times(seconds)
-    return Times(seconds, (f"{name} is in {unit}: converted to seconds",))
+    seconds, epoch_s = since_epoch(rows, per_second)
+    notes = () if per_second == 1 else (f"{name} is in {unit}: converted to seconds",)
+    return Times(seconds, notes, epoch_s)
 
 
-def _unit(values: list[int | float], header: list[str]) -> tuple[int, str]:
+def _unit(values: list[Stamp], header: list[str]) -> tuple[int, str]:
     """Parts of a second that a list counts in, from its header, its date or its step."""
     words = " ".join(header)
     for per_second, unit in UNITS[1:]:
         if re.search(rf"[\[(_ ]{unit}\b", words):
             return per_second, unit
-    first = abs(values[0])
+    first = abs(float(values[0]))
     for per_second, unit in UNITS:
         low, high = _EPOCHS[per_second]
         if low <= first <= high:
@@ -160,7 +173,7 @@ def _unit(values: list[int | float], header: list[str]) -> tuple[int, str]:
 
 def times_in_names(stems: list[str]) -> Times | None:
     """The times that file names are: `1403636579763555584`, `1317042734.512`; None where they are numbers only."""
-    found: list[int | float] = []
+    found: list[Stamp] = []
     for stem in stems:
         match = re.search(r"\d{9,19}(?:[._]\d{1,9})?", stem)
         if match is None:
@@ -178,5 +191,6 @@ def times_in_names(stems: list[str]) -> Times | None:
     for per_second, _unit_name in UNITS[1:]:
         low, high = _EPOCHS[per_second]
         if low <= found[0] <= high:
-            return Times(np.array([value / per_second for value in found]))
+            seconds, epoch_s = since_epoch(found, per_second)
+            return Times(seconds, (), epoch_s)
     return None

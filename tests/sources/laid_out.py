@@ -308,7 +308,7 @@ def one_folder(root: Path, drive: Drive) -> str:
         for key, matrix in matrices.items():
             store.write(key, matrix)
         store.release()
-    stamps = [f"{i},{ns / 1e9:.9f}\n" for i, ns in enumerate(drive.stamps_ns)]
+    stamps = [f"{i},{ns // 10**9}.{ns % 10**9:09d}\n" for i, ns in enumerate(drive.stamps_ns)]
     _write(place / "timestamps.csv", "index,time\n" + "".join(stamps))
     return str(place)
 

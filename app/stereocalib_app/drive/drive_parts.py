@@ -31,6 +31,7 @@ def part_of(source: FrameSource, start: int, stop: int) -> FrameSource:
         source.notices,
         source.T_camera_lidar,
         f"{source.content_key}:{start}:{stop}",
+        epoch_s=source.epoch_s,
     )
 
 

@@ -78,7 +78,7 @@ def shown_poses(session: Session, snapshot: Snapshot, corrections: Corrections) 
 def tum(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """The path in TUM format."""
     poses = shown_poses(session, snapshot, settings.corrections)
-    times = np.asarray(session.source.timestamps_s[: len(poses)])
+    times = session.source.epoch_s + np.asarray(session.source.timestamps_s[: len(poses)])
     return _written("trajectory.tum", lambda path: io.write_tum(path, times, poses))
 
 

@@ -27,6 +27,7 @@ from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lists import NO_POSES, from_first
 from stereocalib_core.sources.pairing import content_key
 from stereocalib_core.sources.pictures import UnreadablePicture, to_8_bit
+from stereocalib_core.sources.times import since_epoch
 from stereocalib_core.sources.truth import forward_axes, interpolated
 
 KEYS = ("left", "right", "lidar", "truth", "left_info", "right_info", "calibration", "camera", "unit")
@@ -58,7 +59,7 @@ def _open(spec: Spec) -> Recording:
     pairs, notices = paired(left, right)
     if not pairs:
         raise SourceError("no left picture has a right one of its time", spec.path, "check the topics")
-    times_s = np.array([entry_ns(entry) / 1e9 for entry, _ in pairs])
+    times_s, epoch_s = since_epoch([entry_ns(entry) for entry, _ in pairs], 10**9)
     size, bits = _survey(bag, topics, pairs, spec.path)
     found = _calibration(bag, topics, spec)
     ready = opened(found.calibration, size, spec.path)
@@ -79,9 +80,9 @@ def _open(spec: Spec) -> Recording:
             )
         else:
             T_camera_lidar = turned(T, ready)
-            load, note = _with_clouds(load, bag, topics.lidar, times_s)
+            load, note = _with_clouds(load, bag, topics.lidar, epoch_s + times_s)
             notices += note
-    truth, truth_notices = _truth(bag, topics, frames, camera_frame, times_s)
+    truth, truth_notices = _truth(bag, topics, frames, camera_frame, epoch_s + times_s)
     return Recording(
         name=spec.path.stem if spec.path.is_file() else spec.path.name,
         camera=ready.camera,
@@ -92,6 +93,7 @@ def _open(spec: Spec) -> Recording:
         T_camera_lidar=T_camera_lidar,
         content_key=content_key("bag", [*bag.files, *found.files], topics),
         calibration=found.calibration,
+        epoch_s=epoch_s,
     )
 
 

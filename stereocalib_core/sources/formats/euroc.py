@@ -17,7 +17,7 @@ from stereocalib_core.sources.calibrations.trees import Tree, read_tree
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lists import read_ground_truth
 from stereocalib_core.sources.pairing import match_pairs
-from stereocalib_core.sources.times import Times, times_in_names
+from stereocalib_core.sources.times import Times, since_epoch, times_in_names
 from stereocalib_core.system.text_file import lines
 
 TRUTHS = ("state_groundtruth_estimate0", "gt0", "mocap0", "vicon0", "leica0")
@@ -47,11 +47,13 @@ def _open(spec: Spec) -> Recording:
     pairs = match_pairs(home / "cam0" / "data", home / "cam1" / "data", numbered=False)
     stamps = stamps_of(home / "cam0" / "data.csv")
     in_names = times_in_names(list(pairs.stems))
-    seconds = np.array([stamps.get(stem, np.nan) for stem in pairs.stems])
+    seconds, epoch_s = since_epoch([stamps.get(stem) for stem in pairs.stems], 10**9)
+    times = Times(seconds, (), epoch_s)
     if not np.isfinite(seconds).any():
-        seconds = np.zeros(0) if in_names is None else in_names.seconds
+        times = Times(np.zeros(0)) if in_names is None else in_names
     elif in_names is not None:
-        seconds = np.where(np.isfinite(seconds), seconds, in_names.seconds)
+        named = in_names.seconds + (in_names.epoch_s - epoch_s)
+        times = Times(np.where(np.isfinite(seconds), seconds, named), (), epoch_s)
     rows = range(len(pairs))
     notices: list[str] = []
     T_body_camera = _body_from_camera(home, notices)
@@ -69,7 +71,7 @@ def _open(spec: Spec) -> Recording:
             folder=home,
             pairs=type(pairs)(pairs.stems, tuple(rows), pairs.left, pairs.right, pairs.notices),
             found=found,
-            times=Times(seconds),
+            times=times,
             times_name="cam0/data.csv",
             truth=truth,
             notices=notices,
@@ -79,9 +81,9 @@ def _open(spec: Spec) -> Recording:
     )
 
 
-def stamps_of(path: Path) -> dict[str, float]:
-    """Picture name without suffix to seconds, from rows of `nanoseconds,name`; empty where there are none."""
-    found: dict[str, float] = {}
+def stamps_of(path: Path) -> dict[str, int]:
+    """Picture name without suffix to nanoseconds, from rows of `nanoseconds,name`; empty where there are none."""
+    found: dict[str, int] = {}
     if not path.is_file():
         return found
     try:
@@ -89,7 +91,7 @@ def stamps_of(path: Path) -> dict[str, float]:
             words = re.split(r"[,\s]+", line.strip())
             if not line.startswith("#") and re.fullmatch(r"\d{10,19}", words[0] or ""):
                 name = words[1] if len(words) > 1 and words[1] else words[0]
-                found[name.rpartition(".")[0] or name] = int(words[0]) / 10**9
+                found[name.rpartition(".")[0] or name] = int(words[0])
     except SourceError:
         return {}
     return found

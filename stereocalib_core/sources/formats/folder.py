@@ -3,6 +3,7 @@ of any dialect beside them, optional times, poses and scans."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -55,7 +56,7 @@ def times_of(places: Iterable[Path], stems: Iterable[str]) -> tuple[Times | None
         if in_names is not None:
             notes = () if times is None else times.notes
             return (
-                Times(in_names.seconds, (*notes, "times are taken from the pictures' names")),
+                dataclasses.replace(in_names, notes=(*notes, "times are taken from the pictures' names")),
                 "names",
                 path,
             )

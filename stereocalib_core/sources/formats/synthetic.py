@@ -36,6 +36,7 @@ class SyntheticSource:
     """
 
     live = False
+    epoch_s = 0.0
 
     def __init__(self, settings: DriveSettings, cache: FrameCache | None = None) -> None:
         self.settings = settings
