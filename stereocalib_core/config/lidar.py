@@ -35,12 +35,14 @@ class RoadCheckConfig:
     min_spread_m: float = 0.004
     rounds: int = 8
     min_points: int = 60
-    cell_m: float = 0.7
-    """Heights closer than this rise and fall together."""
-    min_cells: int = 15
+    cell_m: float = 1.5
+    """Heights closer than this rise and fall together: as `DirectConfig.uneven_length_m`, and a patch is as long."""
+    min_cells: int = 8
+    """Fewer say nothing of how sure three unknowns are."""
     systematic_height_m: float = 0.003
     """1 sigma of the scan's plane that more points do not remove: each beam has an error of its own."""
-    systematic_angle_deg: float = 0.02
+    systematic_angle_deg: float = 0.05
+    """The same of its angles: a body that pitches by 5 deg/s between laser and shutter, 10 ms apart."""
     limit_height_m: float = 0.04
     """A calibration whose residual lies beyond the limits by `certain_sigmas` raises the alarm."""
     limit_pitch_deg: float = 0.25

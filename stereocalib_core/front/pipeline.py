@@ -22,6 +22,7 @@ from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
+from stereocalib_core.front.scan.road_surface import RoadSurface
 from stereocalib_core.front.scan.scan_disparity import scan_disparities
 from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
@@ -167,7 +168,8 @@ class FrontEnd:
         if frame.lidar is None or T is None:
             return result
         began = time.perf_counter()
-        residual = scan_residual(frame, result, T, config.road_check)
+        surface = RoadSurface.of(road, self.camera, config.direct)
+        residual = scan_residual(frame, result, T, config.road_check, surface)
         sample = None
         if frame.left is not None and road.disparity is not None:
             over = None if result.road is None else result.road.extrinsics

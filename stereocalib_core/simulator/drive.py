@@ -26,8 +26,9 @@ _RAMP_AHEAD_M = 14.0
 class Drive:
     """The truth of a whole drive.
 
-    timestamps_s: (N,). T_world_camera: (N, 4, 4) of the left camera. mount_yaw_rad: (N,) against the car.
-    s_m: (N,) where on the course the camera is.
+    timestamps_s: (N,). T_world_camera: (N, 4, 4) of the left camera. T_world_rig: (N, 4, 4) where it were had nothing
+    knocked it: what else is bolted to the car goes by this. mount_yaw_rad: (N,) against the car. s_m: (N,) where on
+    the course the camera is.
     """
 
     settings: DriveSettings
@@ -36,6 +37,7 @@ class Drive:
     motion: Motion
     timestamps_s: Array
     T_world_camera: Array
+    T_world_rig: Array
     mount_yaw_rad: Array
     s_m: Array
 
@@ -65,15 +67,20 @@ def plan_drive(settings: DriveSettings) -> Drive:
     bumpy = settings.body_motion > 0 and settings.path is None and not flat
     humps = (0.30 * course.length_m, 0.865 * course.length_m) if bumpy else ()
     ground = build_ground(course, settings.camber, humps, ramps, flat)
-    mount = _mounts(settings, motion)[:frames]
+    steady = _mounts(settings, motion)[:frames]
+    mount = steady + offsets(settings.faults, ("knock", "drift"), frames)
     s_camera = (motion.s_m + settings.lever_arm_m)[:frames]
     if poses is None:
-        T_vehicle_camera = np.stack([_camera_in_vehicle(row) for row in mount])
-        T_world_camera = _vehicle_poses(ground, motion.s_m[:frames], settings) @ T_vehicle_camera
+        T_world_vehicle = _vehicle_poses(ground, motion.s_m[:frames], settings)
+        T_world_camera, T_world_rig = (
+            T_world_vehicle @ np.stack([_camera_in_vehicle(row) for row in rows]) for rows in (mount, steady)
+        )
     else:
-        T_world_camera = _moved(poses[:frames], mount, settings.mount)
+        T_world_camera, T_world_rig = (
+            _moved(poses[:frames], rows, settings.mount) for rows in (mount, steady)
+        )
     times = motion.time_s[:frames]
-    return Drive(settings, course, ground, motion, times, T_world_camera, mount[:, 3], s_camera)
+    return Drive(settings, course, ground, motion, times, T_world_camera, T_world_rig, mount[:, 3], s_camera)
 
 
 def _built_in(name: str) -> tuple[Course, Motion]:
@@ -101,7 +108,7 @@ def _ramp(fault: Fault, motion: Motion, course: Course, frames: int) -> Ramp:
 
 
 def _mounts(settings: DriveSettings, motion: Motion) -> Array:
-    """(N, 6) height, pitch, roll, yaw, x, z of the camera over the car's own wheels."""
+    """(N, 6) height, pitch, roll, yaw, x, z of the camera over the car's own wheels, knocks left out."""
     body = ride(motion, settings.body_motion, settings.load, settings.seed)
     m = settings.mount
     total = np.zeros((len(motion.time_s), len(AXES)))
@@ -109,8 +116,6 @@ def _mounts(settings: DriveSettings, motion: Motion) -> Array:
     total[:, 1] = m.pitch_rad + body.pitch_rad
     total[:, 2] = m.roll_rad + body.roll_rad
     total[:, 3] = m.yaw_rad
-    frames = len(motion.time_s) if settings.frames is None else min(settings.frames, len(motion.time_s))
-    total[:frames] += offsets(settings.faults, ("knock", "drift"), frames)
     return total
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.geometry import rotation_x, rotation_y, rotation_z, transform
+from stereocalib_core.geometry import invert_transform, rotation_x, rotation_y, rotation_z, transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.faults import offsets
@@ -90,8 +90,13 @@ class SpinningLidar:
         self._knocks = offsets(settings.faults, ("lidar_knock",), len(world.drive))
 
     def T_camera_lidar(self, frame: int) -> Array:
-        """(4, 4) where the sensor truly is, knocks included: angles and shifts in the camera's axes and signs
-        (pitch > 0 looks down)."""
+        """(4, 4) where the sensor truly is against the camera, knocks of either included."""
+        drive = self.world.drive
+        return invert_transform(drive.T_world_camera[frame]) @ drive.T_world_rig[frame] @ self._on_car(frame)
+
+    def _on_car(self, frame: int) -> Array:
+        """(4, 4) against where the camera were had nothing knocked it; the LiDAR's own knocks are angles and shifts
+        in the camera's axes and signs (pitch > 0 looks down)."""
         height, pitch, roll, yaw, x, z = (float(a) for a in self._knocks[frame])
         knock = rotation_x(pitch) @ rotation_z(roll) @ rotation_y(yaw)
         T = T_CAMERA_LIDAR.copy()
@@ -103,7 +108,7 @@ class SpinningLidar:
         """(N, 4) float32 x, y, z [m] in the LiDAR's frame, and intensity, beam after beam."""
         drive, tones, canvas = self.world.drive, self.world.mesh.tones, self._canvas
         things, _ = moving(self.world, frame)
-        T_world_lidar = drive.T_world_camera[frame] @ self.T_camera_lidar(frame)
+        T_world_lidar = drive.T_world_rig[frame] @ self._on_car(frame)
         ranges = np.zeros(len(self._directions))
         intensities = np.zeros(len(self._directions))
         forward = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -147,6 +147,21 @@ def test_lidar_knock_moves_the_scan_but_not_the_calibration() -> None:
     assert abs(turned) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_knocked_camera_leaves_the_lidar_where_it_is() -> None:
+    faulty, plain = (
+        drive(f"{f}&lidar=1&lidar_noise=0", "plane")
+        for f in ("&fault=knock:yaw=0.5@5&fault=knock:x=0.04@5", "")
+    )
+    for frame in (4, 5):
+        assert np.array_equal(faulty.studio.frame(frame)[2], plain.studio.frame(frame)[2])
+    spinner, T = faulty.studio._spinner, plain.T_camera_lidar
+    np.testing.assert_allclose(spinner.T_camera_lidar(4), T, atol=1e-12)
+    # the camera stands further right and looks further left: its LiDAR is left of where it was, and looks right
+    off = spinner.T_camera_lidar(5) @ np.linalg.inv(T)
+    assert off[0, 3] == pytest.approx(-0.04, abs=0.001)
+    assert np.rad2deg(np.arctan2(off[0, 2], off[2, 2])) == pytest.approx(0.5, abs=0.001)
+
+
 def test_cache_is_left_alone_by_other_settings(tmp_path: object) -> None:
     assert drive("&fault=glare@5").content_key != drive().content_key
     assert FrameCache("a").folder != FrameCache("b").folder

@@ -177,6 +177,11 @@ def _over_region(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, D
     )
 
 
+def shrink_of(step_px: int) -> int:
+    """By how much pictures are shrunk for the patches, whose disparity grid has this step."""
+    return max(step_px // 2, 1)
+
+
 def _alike_kitti(
     left: Grey, right: Grey, camera: StereoCamera, step_px: int
 ) -> tuple[Grey, Grey, StereoCamera, int]:
@@ -184,7 +189,7 @@ def _alike_kitti(
 
     Finer pictures would show patches nothing but their own unevenness, at many times the work.
     """
-    by = max(step_px // 2, 1)
+    by = shrink_of(step_px)
     if by == 1:
         return left, right, camera, step_px
     return shrunk(left, by), shrunk(right, by), camera.shrunk(by), step_px // by

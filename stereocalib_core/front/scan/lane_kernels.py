@@ -36,6 +36,51 @@ def gather(
 
 
 @njit(cache=True, nogil=True)
+def gather_on_tiles(
+    scan: NDArray[np.float32],
+    T: Array,
+    T_camera_road: Array,
+    lens: tuple[float, float, float],
+    tiles: NDArray[np.int32],
+    corner: Array,
+    tile: Array,
+    over: Array,
+    offset: float,
+    slope: float,
+) -> Array:
+    """(M, 3) X, Y, Z of the points (N, 4) of a scan over the tiles of the road, Y from the surface that the tiles show.
+
+    T: (4, 4) to the road's frame. lens: focal length, cx, cy [px]. tiles: (h, w) index into `over` (K,) [m], negative =
+    none; corner, tile: (2,) middle of the first tile and size [px]. A point belongs to the tile under its foot on the
+    road's plane, so that a LiDAR that is tilted keeps its points; those farther than offset + slope Z from Y = 0 go.
+    """
+    found = np.empty((len(scan), 3))
+    count = 0
+    f, cx, cy = lens
+    R = T_camera_road
+    for i in range(len(scan)):
+        x, y, z = float(scan[i, 0]), float(scan[i, 1]), float(scan[i, 2])
+        ahead = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        if ahead <= 0.0 or abs(down) > offset + slope * ahead:
+            continue
+        side = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        depth = R[2, 0] * side + R[2, 2] * ahead + R[2, 3]
+        if depth <= 0.0:
+            continue
+        u = f * (R[0, 0] * side + R[0, 2] * ahead + R[0, 3]) / depth + cx
+        v = f * (R[1, 0] * side + R[1, 2] * ahead + R[1, 3]) / depth + cy
+        column = int(np.floor((u - corner[0]) / tile[0] + 0.5))
+        row = int(np.floor((v - corner[1]) / tile[1] + 0.5))
+        if not (0 <= row < tiles.shape[0] and 0 <= column < tiles.shape[1]) or tiles[row, column] < 0:
+            continue
+        found[count, 0], found[count, 2] = side, ahead
+        found[count, 1] = down + over[tiles[row, column]]
+        count += 1
+    return found[:count].copy()
+
+
+@njit(cache=True, nogil=True)
 def without_obstacles(points: Array, cell: float, height: float) -> Array:
     """(M, 3) lane points without those of square cells in which they reach over more than `height`."""
     x_low, z_low = points[:, 0].min(), points[:, 2].min()

@@ -1,7 +1,12 @@
-"""The road that a LiDAR scan shows in the car's own lane, against the stereo road of the same frame.
+"""The road that a LiDAR scan shows, against the stereo road of the same frame.
 
 The scan is carried by the calibration into the stereo road's frame, where the road should be Y = 0, and the plane
-Y = a + b Z + c X is fitted to the lane: a is what the LiDAR adds to the height, -b to the pitch, c to the roll.
+Y = a + b Z + c X is fitted: a is what the LiDAR adds to the height, -b to the pitch, c to the roll.
+
+Which road. Where the stereo road was aligned patch by patch (`road_surface`), the scan is compared with the same
+patches: Y is counted from the surface that they show, so that camber, dips and kerbs, which are the road's and no
+sensor's, cancel. Elsewhere the car's own lane is taken, where the road is flattest, and what lane and stereo road may
+differ by is in the stereo road's covariance.
 
 Sampling. The rings of a spinning LiDAR crowd at its feet: rays are even in angle, so one point of a flat road
 stands for an area that grows as r^3. Points are weighted by that area; what is fitted is the least-squares plane
@@ -10,8 +15,8 @@ also weigh distance alike: the noise of stereo heights per area grows as Z^5 (a 
 Z^3) and outweighs the unevenness beyond `even_m`; the LiDAR's weight fades in the same way.
 
 Motion within a sweep is left in. Travel moves points along the road, which leaves its plane where it is, and the
-lane is swept within 10 ms of its middle; a body that pitches by 3 deg/s in that time turns the plane by 0.05 deg
-at most, to and fro about zero.
+road ahead is swept within 10 ms of its middle; a body that pitches by 5 deg/s in that time turns the plane by 0.05
+deg, to and fro about zero, which is in sigma.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.scan import lane_kernels as kernels
+from stereocalib_core.front.scan.road_surface import RoadSurface
 from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
@@ -47,18 +53,26 @@ class LanePlane:
 
 
 def scan_residual(
-    frame: StereoFrame, result: FrameResult, T_camera_lidar: Array | None, config: RoadCheckConfig
+    frame: StereoFrame,
+    result: FrameResult,
+    T_camera_lidar: Array | None,
+    config: RoadCheckConfig,
+    surface: RoadSurface | None = None,
 ) -> RoadResidual | None:
-    """The LiDAR's road minus the stereo road of one frame; None without a scan, a stereo road or a clear lane.
+    """The LiDAR's road minus the stereo road of one frame; None without a scan, a stereo road or a clear view of it.
 
-    T_camera_lidar: (4, 4), LiDAR to camera coordinates [m].
+    T_camera_lidar: (4, 4), LiDAR to camera coordinates [m]. surface: what the stereo road was fitted to; None = the
+    plane alone is known, and the lane is compared with it.
     """
     if frame.lidar is None or result.road is None or T_camera_lidar is None:
         return None
     stereo = result.road.extrinsics
-    near = max(config.near_m, result.road.range_m[0])
-    far = min(config.far_m, result.road.range_m[1])
-    points = lane_points(frame.lidar, T_camera_lidar, stereo, near, far, config)
+    if surface is not None:
+        points = surface_points(frame.lidar, T_camera_lidar, stereo, surface, config)
+    else:
+        near = max(config.near_m, result.road.range_m[0])
+        far = min(config.far_m, result.road.range_m[1])
+        points = lane_points(frame.lidar, T_camera_lidar, stereo, near, far, config)
     plane = fit_lane(points, config)
     if plane is None:
         return None
@@ -70,10 +84,30 @@ def scan_residual(
             seen.roll_rad - stereo.roll_rad,
         ]
     )
-    lidar = _TO_EXTRINSICS @ plane.covariance @ _TO_EXTRINSICS
-    floor = np.diag([config.systematic_height_m, *[np.deg2rad(config.systematic_angle_deg)] * 2]) ** 2
-    stereo_road = result.road.covariance + result.road.bend_covariance
-    return RoadResidual(values, lidar + floor + stereo_road, plane.points)
+    covariance = _TO_EXTRINSICS @ plane.covariance @ _TO_EXTRINSICS
+    covariance += np.diag([config.systematic_height_m, *[np.deg2rad(config.systematic_angle_deg)] * 2]) ** 2
+    if surface is None:
+        covariance += result.road.covariance + result.road.bend_covariance
+    return RoadResidual(values, covariance, plane.points)
+
+
+def surface_points(
+    scan: NDArray[np.float32],
+    T_camera_lidar: Array,
+    stereo: Extrinsics,
+    surface: RoadSurface,
+    config: RoadCheckConfig,
+) -> Array:
+    """(N, 4) LiDAR points to those over the stereo road's patches, (M, 3) X, Y, Z [m], Y from the patches' surface.
+
+    What a misplaced LiDAR could still show as road is kept, as in `lane_points`.
+    """
+    T_camera_road, camera = stereo.T_camera_road, surface.camera
+    return kernels.gather_on_tiles(
+        np.ascontiguousarray(scan), invert_transform(T_camera_road) @ T_camera_lidar, T_camera_road,
+        (camera.focal_px, camera.cx_px, camera.cy_px), surface.tiles, surface.corner, surface.tile, surface.over_m,
+        config.max_offset_m, float(np.tan(np.deg2rad(config.max_tilt_deg))),
+    )  # fmt: skip
 
 
 def lane_points(

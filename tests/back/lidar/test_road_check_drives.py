@@ -23,21 +23,27 @@ DEGREE = float(np.rad2deg(1.0))
 
 @pytest.fixture(scope="module")
 def real_drive(kitti_raw_0009: Path):  # type: ignore[no-untyped-def]
-    """(frame, result without LiDAR) of the frames with scans, and the calibration."""
+    """Frames with scans, their results and road surfaces, and the calibration."""
     from stereocalib_core.front.pipeline import FrontEnd
+    from stereocalib_core.front.scan.road_surface import RoadSurface
     from stereocalib_core.sources import open_source
 
-    source = open_source(str(kitti_raw_0009))
-    front_end = FrontEnd(source.camera, PipelineConfig(), T_camera_lidar=source.T_camera_lidar)
+    source, config = open_source(str(kitti_raw_0009)), PipelineConfig()
+    front_end = FrontEnd(source.camera, config, T_camera_lidar=source.T_camera_lidar)
     frames = [source[i] for i in range(12)]
-    return frames, [front_end.step(frame) for frame in frames], source.T_camera_lidar
+    looks = [front_end.look(frame) for frame in frames]
+    surfaces = [RoadSurface.of(look.road, source.camera, config.direct) for look in looks]
+    return frames, [look.result for look in looks], source.T_camera_lidar, surfaces
 
 
 def again(real, T):  # type: ignore[no-untyped-def]
     """The drive's check with another calibration."""
-    frames, results, _ = real
-    pairs = zip(frames, results, strict=True)
-    return check([dataclasses.replace(r, lidar=scan_residual(f, r, T, CONFIG)) for f, r in pairs], CONFIG)
+    frames, results, _, surfaces = real
+    seen = [
+        dataclasses.replace(r, lidar=scan_residual(f, r, T, CONFIG, surface))
+        for f, r, surface in zip(frames, results, surfaces, strict=True)
+    ]
+    return check(seen, CONFIG)
 
 
 def medians(found) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -92,11 +98,11 @@ def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
 
 
 def test_a_scan_takes_little_time(real_drive) -> None:  # type: ignore[no-untyped-def]
-    frames, results, T = real_drive
+    frames, results, T, surfaces = real_drive
     times = []
     for _ in range(20):
         began = time.perf_counter()
-        scan_residual(frames[0], results[0], T, CONFIG)
+        scan_residual(frames[0], results[0], T, CONFIG, surfaces[0])
         times.append(time.perf_counter() - began)
     assert min(times) < 0.008
 
