@@ -17,7 +17,7 @@ import time
 import zlib
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, overload
@@ -25,6 +25,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core import config
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError, StereoCalibError
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import (
@@ -32,9 +34,11 @@ from stereocalib_core.results import (
     FrameResult,
     FrontEndMemory,
     RectificationSample,
+    Rig,
     RoadEstimate,
     RoadResidual,
     ScanSample,
+    Tolerance,
     Tracks,
 )
 
@@ -54,12 +58,43 @@ class Done:
     total_ms: float
 
 
+@dataclass(frozen=True)
+class RunKey:
+    """What must be equal for a stopped run to go on.
+
+    source: the content key of the recording. mended: that of the mended one, where the pair is mended.
+    """
+
+    source: str
+    camera: StereoCamera
+    settings: PipelineConfig
+    rig: Rig | None = None
+    tolerances: Mapping[str, Tolerance] = field(default_factory=lambda: MappingProxyType({}))
+    first_frame: int = 0
+    mended: str | None = None
+    version: str = ""
+
+    def to_json(self) -> bytes:
+        """The same key gives the same bytes."""
+        values = {
+            "version": self.version,
+            "source": self.source,
+            "camera": asdict(self.camera),
+            "settings": config.to_dict(self.settings),
+            "rig": None if self.rig is None else asdict(self.rig),
+            "tolerances": {axis: asdict(limit) for axis, limit in self.tolerances.items()},
+            "first frame": self.first_frame,
+            "mended": self.mended,
+        }
+        return json.dumps(values, sort_keys=True).encode()
+
+
 class Checkpoint(Sequence[Done]):
     """Writes one, and is the frames that it holds: read when asked for, so that a long drive waits on the disk for
     its end. Every record reaches the operating system before the next frame begins, so that a kill loses none,
     and the disk within `SYNC_S`, which is all that a power cut takes."""
 
-    def __init__(self, path: Path, header: Mapping[str, Any], keep: int | None = None) -> None:
+    def __init__(self, path: Path, key: RunKey, keep: int | None = None) -> None:
         """Start a file, or go on after its first `keep` bytes."""
         self.path = path
         self._places = array("Q")  # begin and end of every frame's payload
@@ -76,7 +111,7 @@ class Checkpoint(Sequence[Done]):
             else:
                 _write(self._file, MAGIC)
                 self._chain = 0
-                self._add(_canonical(header))
+                self._add(key.to_json())
         except OSError as error:
             raise OutputError(
                 "checkpoint cannot be written", path, error.strerror or "check the disk"
@@ -124,15 +159,15 @@ class Checkpoint(Sequence[Done]):
         os.close(self._file)
 
 
-def read_checkpoint(path: Path, header: Mapping[str, Any]) -> tuple[list[Done], int]:
-    """The finished frames of an earlier run of the same `header`, and how many bytes of the file are whole.
+def read_checkpoint(path: Path, key: RunKey) -> tuple[list[Done], int]:
+    """The finished frames of an earlier run of the same `key`, and how many bytes of the file are whole.
 
     Raises OutputError for a file of other source or settings, or one that is no checkpoint.
     """
     stored, frames, whole = _read(path)
-    now = json.loads(_canonical(header))
+    now = json.loads(key.to_json())
     if stored != now:
-        changed = " and ".join(key for key in now if stored.get(key) != now[key]) or "something"
+        changed = " and ".join(name for name in now if stored.get(name) != now[name]) or "something"
         remedy = f"{changed} changed; give the same options, or start afresh with --overwrite"
         raise OutputError("run of another source or other settings", path.parent, remedy)
     return frames, whole
@@ -195,10 +230,6 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Done], int]:
     if any(done.result.frame != begin + i for i, done in enumerate(frames)):
         raise OutputError("checkpoint without all of its frames", path, "start afresh with --overwrite")
     return header, frames, whole
-
-
-def _canonical(header: Mapping[str, Any]) -> bytes:
-    return json.dumps(header, sort_keys=True).encode()
 
 
 def _write(file: int, data: bytes) -> None:

@@ -11,7 +11,8 @@ from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import read_extrinsics_csv, write_extrinsics_csv
 from stereocalib_core.files.lidar_mended import write_lidar_mended
-from stereocalib_core.files.report import drive_of, report_of
+from stereocalib_core.files.report import report_of
+from stereocalib_core.files.report_read import drive_of
 from stereocalib_core.results import Drive
 from stereocalib_core.system import whole_file
 

@@ -14,12 +14,9 @@ import contextlib
 import fcntl
 import functools
 import hashlib
-import ipaddress
 import json
-import logging
 import os
 import re
-import signal
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -34,12 +31,11 @@ from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import RESULT_FILES, load_run
 from stereocalib_core.results import Drive
 from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
+from stereocalib_core.run.cluster import Scheduler, cluster, usable_cores
 from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
 from stereocalib_core.system import whole_file
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
-CONNECT_TIMEOUT_S = 10
-CLOSE_TIMEOUT_S, HURRY_S = 10.0, 0.4
 RETRIES = 2
 Progress = Callable[[int, int, str], None]
 
@@ -52,43 +48,6 @@ class BatchSummary:
     done: int
     warning: str | None
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Scheduler:
-    """A running Dask scheduler, and for `tls://` the files (PEM) that prove to each other who is who."""
-
-    address: str
-    ca: Path | None = None
-    cert: Path | None = None
-    key: Path | None = None
-
-    def __post_init__(self) -> None:
-        given = [path for path in (self.ca, self.cert, self.key) if path is not None]
-        if self.address.startswith("tls://") != (len(given) == 3) or 0 < len(given) < 3:
-            remedy = "tls://HOST:PORT goes with --tls-ca, --tls-cert and --tls-key"
-            raise ConfigError("certificates and address do not match", self.address, remedy)
-        for path in given:
-            if not path.is_file():
-                raise ConfigError("no such certificate or key", path, "name a PEM file")
-
-    @property
-    def note(self) -> str | None:
-        """What whoever chose this address should know of it."""
-        host = self.address.removeprefix("tcp://").rpartition(":")[0].strip("[]")
-        if not self.address.startswith("tcp://") or host == "localhost" or _is_loopback(host):
-            return None
-        return (
-            f"{self.address} is not encrypted: anyone on the way can read the drives and run code on the workers; "
-            "use tls:// with --tls-ca, --tls-cert and --tls-key"
-        )
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def run_batch(
@@ -128,7 +87,7 @@ def run_batch(
         progress(len(outcomes), len(specs), "drives")
     try:
         if waiting:
-            with _cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
+            with cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
                 work = run_one if scheduler else functools.partial(run_one_on_its_core, usable_cores())
                 for outcome in _submit(client, work, waiting, out, config, overwrite):
                     outcomes[outcome.name] = outcome
@@ -205,7 +164,7 @@ def _name_parts(spec: str) -> list[str]:
 # --- one drive, in a worker
 
 
-def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> str | None:
+def run_one(spec: str, folder: str, config: PipelineConfig, overwrite: bool) -> str | None:
     """Run or resume one drive and seal its folder; None, or what is wrong with it in one line."""
     import cv2
 
@@ -217,12 +176,11 @@ def run_one(spec: str, folder: str, config: dict[str, Any], overwrite: bool) -> 
         path.mkdir(parents=True, exist_ok=True)
         with (path / LOCK).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)  # a worker thought dead may still be at it
-            resolved = settings.from_dict(config, "batch settings")
-            if overwrite or sealed_drive(path, spec, resolved) is None:
+            if overwrite or sealed_drive(path, spec, config) is None:
                 (path / SEAL).unlink(missing_ok=True)
                 go_on = (path / CHECKPOINT).is_file() and not overwrite
-                _run_or_restart(spec, path, resolved, go_on, run_drive)
-                seal(path, spec, resolved)
+                _run_or_restart(spec, path, config, go_on, run_drive)
+                seal(path, spec, config)
         (path / LOCK).unlink(missing_ok=True)
         return None
     except StereoCalibError as error:
@@ -239,13 +197,6 @@ def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> str | None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {cores[int(get_worker().name) % len(cores)]})
     return run_one(*drive)
-
-
-def usable_cores() -> list[int]:
-    """The cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
 
 
 def _run_or_restart(
@@ -287,66 +238,6 @@ def _digests(folder: Path) -> dict[str, str]:
 # --- Dask
 
 
-@contextlib.contextmanager
-def _cluster(workers: int | None, scheduler: Scheduler | None, drives: int) -> Iterator[Any]:
-    """A client of that scheduler, or of a local cluster that lives as long as the batch."""
-    try:
-        import distributed
-    except ImportError as error:
-        raise ConfigError("batch needs Dask", "not installed", "pip install 'stereocalib[batch]'") from error
-    if scheduler is not None:
-        with _remote_client(distributed, scheduler) as client:
-            yield client
-        return
-    cluster = distributed.LocalCluster(
-        n_workers=workers or min(len(usable_cores()), drives),
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        protocol="tls://",
-        security=distributed.Security.temporary(),
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-        env={"NUMBA_NUM_THREADS": "1"},
-    )
-    client = distributed.Client(cluster)
-    patience_s = CLOSE_TIMEOUT_S
-    try:
-        yield client
-    except KeyboardInterrupt:
-        patience_s = HURRY_S
-        _kill_workers(cluster)  # a worker would finish its drive and only then listen
-        raise KeyboardInterrupt("the same call goes on from here") from None
-    finally:
-        for part in (client, cluster):
-            # the drives are done; what is left ends with this process
-            with contextlib.suppress(TimeoutError):
-                part.close(timeout=patience_s)
-
-
-def _remote_client(distributed: Any, scheduler: Scheduler) -> Any:
-    security = None
-    if scheduler.ca is not None:
-        security = distributed.Security(
-            tls_ca_file=str(scheduler.ca),
-            tls_client_cert=str(scheduler.cert),
-            tls_client_key=str(scheduler.key),
-            require_encryption=True,
-        )
-    try:
-        return distributed.Client(scheduler.address, timeout=CONNECT_TIMEOUT_S, security=security)
-    except (OSError, ValueError, TypeError) as error:
-        remedy = "check the address, tcp://HOST:PORT or tls://HOST:PORT, and the certificates"
-        raise ConfigError("no Dask scheduler", scheduler.address, remedy) from error
-
-
-def _kill_workers(cluster: Any) -> None:
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-        if nanny.pid:
-            os.kill(nanny.pid, signal.SIGKILL)
-
-
 def _submit(
     client: Any,
     work: Callable[..., str | None],
@@ -361,7 +252,7 @@ def _submit(
     futures = {}
     call = uuid.uuid4().hex  # a shared scheduler may still know keys of another batch
     for spec, name in waiting:
-        arguments = (spec, str((out / name).resolve()), settings.to_dict(config), overwrite)
+        arguments = (spec, str((out / name).resolve()), config, overwrite)
         future = client.submit(work, *arguments, key=f"{name}-{call}", retries=RETRIES, pure=False)
         futures[future] = (spec, name)
     for future in as_completed(futures):

@@ -8,16 +8,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core import __version__
-from stereocalib_core import config as settings
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import OutputError, StereoCalibError
-from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
+from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import REPORT, RESULT_FILES, load_run, write_run
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
@@ -84,18 +83,19 @@ class Job:
         """What its progress is called."""
         return "frames" if self.mending is None else "frames, the pair mended"
 
-    def header(self) -> dict[str, Any]:
+    @property
+    def key(self) -> RunKey:
         """What must be equal for a stopped run to go on."""
-        return {
-            "version": __version__,
-            "source": self.source.content_key,
-            "camera": dataclasses.asdict(self.seen.camera),
-            "settings": settings.to_dict(self.config),
-            "rig": None if self.rig is None else dataclasses.asdict(self.rig),
-            "tolerances": {axis: dataclasses.asdict(limit) for axis, limit in self.tolerances.items()},
-            "first frame": self.start,
-            "mended": None if self.mending is None else self.seen.content_key,
-        }
+        return RunKey(
+            self.source.content_key,
+            self.seen.camera,
+            self.config,
+            self.rig,
+            self.tolerances,
+            self.start,
+            None if self.mending is None else self.seen.content_key,
+            __version__,
+        )
 
 
 def run_drive(
@@ -157,7 +157,7 @@ def _run_alone(job: Job, folder: OutputFolder, resume: bool, run: int, progress:
     out, count = job.out, job.stop - job.start
     before = out / UNMENDED.format(run)
     if resume and before.is_file():
-        done, _ = read_checkpoint(before, job.header())
+        done, _ = read_checkpoint(before, job.key)
         return _drive(job, done, 1e-3 * sum(d.total_ms for d in done))[0]
     if resume and (out / REPORT).is_file() and not (out / CHECKPOINT).is_file():
         finished = _finished(job)
@@ -165,7 +165,7 @@ def _run_alone(job: Job, folder: OutputFolder, resume: bool, run: int, progress:
             return finished
     keep = None
     if _resumable(out, resume):
-        done, keep = read_checkpoint(out / CHECKPOINT, job.header())
+        done, keep = read_checkpoint(out / CHECKPOINT, job.key)
         if len(done) > count:
             remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
             raise OutputError("stopped run of more frames", out, remedy)
@@ -191,7 +191,7 @@ def _finished(job: Job) -> Drive | None:
 
     None where only the recording is lacking: the frames are a checkpoint again, and the run goes on from its end.
     """
-    done, _ = read_checkpoint(job.out / FRAMES, job.header())
+    done, _ = read_checkpoint(job.out / FRAMES, job.key)
     if len(done) != job.stop - job.start:
         remedy = f"it has {len(done)} frames; name a new folder, or add --overwrite"
         raise OutputError("finished run of other frames", job.out, remedy)
@@ -205,7 +205,7 @@ def _run(job: Job, keep: int | None, progress: Progress | None) -> Drive:
     """All of it. keep: bytes of an earlier run's checkpoint, to whose frames this one's are added."""
     for stale in job.out.glob(".*.tmp"):
         stale.unlink(missing_ok=True)
-    checkpoint = Checkpoint(job.out / CHECKPOINT, job.header(), keep)
+    checkpoint = Checkpoint(job.out / CHECKPOINT, job.key, keep)
     try:
         drive = _through(job, checkpoint, progress)
         write_mended(job.source, drive, job.out)

@@ -17,7 +17,7 @@ from drive_writer import odometry_drive
 from stereocalib_app.cli.main import main
 
 from stereocalib_core.benches.batch import different_files
-from stereocalib_core.config import PipelineConfig, to_dict
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, OutputError, SourceError
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import (
@@ -33,8 +33,6 @@ from stereocalib_core.results import (
 )
 from stereocalib_core.run.batch import (
     SEAL,
-    Scheduler,
-    _cluster,
     drive_names,
     full_spec,
     run_batch,
@@ -42,6 +40,7 @@ from stereocalib_core.run.batch import (
     sealed_drive,
 )
 from stereocalib_core.run.batch_summary import DriveOutcome, row_of, write_summary
+from stereocalib_core.run.cluster import Scheduler, cluster
 from stereocalib_core.run.drive import CHECKPOINT
 
 pytest.importorskip("distributed")
@@ -71,14 +70,14 @@ def test_every_drive_gets_a_name_of_its_own(tmp_path: Path) -> None:
 
 def test_a_drive_is_sealed_and_a_damaged_or_changed_one_is_not_trusted(tmp_path: Path) -> None:
     drive, folder, config = str(odometry_drive(tmp_path / "d")), tmp_path / "out", PipelineConfig()
-    assert run_one(drive, str(folder), to_dict(config), False) is None
+    assert run_one(drive, str(folder), config, False) is None
     assert not (folder / ".lock").exists()
     assert sealed_drive(folder, drive, config) is not None
     assert sealed_drive(folder, drive, PipelineConfig(method="paper")) is None
     before = (folder / "extrinsics.csv").read_text()
     (folder / "extrinsics.csv").write_text(before.replace("0", "1", 1))
     assert sealed_drive(folder, drive, config) is None
-    assert run_one(drive, str(folder), to_dict(config), False) is None
+    assert run_one(drive, str(folder), config, False) is None
     assert (folder / "extrinsics.csv").read_text() == before
     (Path(drive) / "image_0" / "000002.png").write_bytes(b"")
     assert sealed_drive(folder, drive, config) is None
@@ -87,7 +86,7 @@ def test_a_drive_is_sealed_and_a_damaged_or_changed_one_is_not_trusted(tmp_path:
 def test_what_is_wrong_with_a_drive_is_a_value(tmp_path: Path) -> None:
     drive = odometry_drive(tmp_path / "d")
     (drive / "calib.txt").write_text("P0: nan\n")
-    wrong = run_one(str(drive), str(tmp_path / "out"), to_dict(PipelineConfig()), False)
+    wrong = run_one(str(drive), str(tmp_path / "out"), PipelineConfig(), False)
     assert wrong is not None and "calib.txt" in wrong
 
 
@@ -95,7 +94,7 @@ def test_a_checkpoint_of_other_settings_is_started_afresh(tmp_path: Path) -> Non
     drive, folder = str(odometry_drive(tmp_path / "d")), tmp_path / "out"
     folder.mkdir()
     (folder / CHECKPOINT).write_bytes(b"of an older version")
-    assert run_one(drive, str(folder), to_dict(PipelineConfig()), False) is None
+    assert run_one(drive, str(folder), PipelineConfig(), False) is None
     assert sealed_drive(folder, drive, PipelineConfig()) is not None
 
 
@@ -130,7 +129,7 @@ def test_the_summary_lists_every_drive_and_escapes_what_it_quotes(tmp_path: Path
 def test_only_bad_sources_leave_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stereocalib_core.run.batch.CONNECT_TIMEOUT_S", 1)
+    monkeypatch.setattr("stereocalib_core.run.cluster.CONNECT_TIMEOUT_S", 1)
     out = tmp_path / "out"
     with pytest.raises(SourceError):
         run_batch([str(tmp_path / "none")], out)
@@ -193,7 +192,7 @@ def test_a_killed_worker_loses_nothing_and_a_second_call_does_nothing(tmp_path: 
         assert json.loads((out / name / "report.json").read_text())["frames"] == count
         assert (out / name / SEAL).is_file()
     undisturbed = tmp_path / "undisturbed"
-    run_one(str(drives[0]), str(undisturbed), to_dict(PipelineConfig()), False)
+    run_one(str(drives[0]), str(undisturbed), PipelineConfig(), False)
     for name in ("extrinsics.csv", "trajectory.txt"):
         assert (undisturbed / name).read_bytes() == (out / "long" / name).read_bytes()
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/report.json")}
@@ -242,7 +241,7 @@ def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
             process.kill()
             process.wait()
     assert (summary.done, summary.total) == (2, 2)
-    assert run_one(drives[0], str(tmp_path / "alone"), to_dict(PipelineConfig()), False) is None
+    assert run_one(drives[0], str(tmp_path / "alone"), PipelineConfig(), False) is None
     for name in ("a", "b"):
         csv_file = tmp_path / "out" / name / "extrinsics.csv"
         assert csv_file.read_bytes() == (tmp_path / "alone" / "extrinsics.csv").read_bytes()
@@ -252,7 +251,7 @@ def test_a_local_cluster_lets_no_other_process_in() -> None:
     """Without the certificates of this very cluster nobody is heard, with or without TLS of their own."""
     import distributed
 
-    with _cluster(1, None, 1) as client:
+    with cluster(1, None, 1) as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         assert client.submit(int, "7").result(timeout=60) == 7

@@ -22,7 +22,7 @@ from drive_writer import odometry_drive
 
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
-from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, read_checkpoint, read_frames
+from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, RunKey, read_checkpoint, read_frames
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.front import pipeline
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -125,8 +125,11 @@ def test_nothing_of_a_frame_is_forgotten() -> None:
                 assert isinstance(value, np.ndarray) or value != field.default, field.name
 
 
+KEY = RunKey("a", CAMERA, PipelineConfig())
+
+
 def test_frames_come_back_bit_for_bit(tmp_path: Path) -> None:
-    path, header = tmp_path / CHECKPOINT, {"source": "a", "settings": {"x": 1}}
+    path, header = tmp_path / CHECKPOINT, KEY
     checkpoint = Checkpoint(path, header)
     wrote = [checkpoint.append(finished(i)) for i in range(3)]
     failed = Done(
@@ -143,7 +146,7 @@ def test_frames_come_back_bit_for_bit(tmp_path: Path) -> None:
 
 
 def test_a_record_cut_off_by_a_kill_is_dropped_at_any_byte(tmp_path: Path) -> None:
-    path, header = tmp_path / CHECKPOINT, {"source": "a"}
+    path, header = tmp_path / CHECKPOINT, KEY
     checkpoint = Checkpoint(path, header)
     checkpoint.append(finished(0))
     one = path.stat().st_size
@@ -166,9 +169,9 @@ def test_a_record_cut_off_by_a_kill_is_dropped_at_any_byte(tmp_path: Path) -> No
 
 def test_other_settings_and_strange_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / CHECKPOINT
-    Checkpoint(path, {"source": "a", "settings": 1}).close()
+    Checkpoint(path, KEY).close()
     with pytest.raises(OutputError, match="settings changed"):
-        read_checkpoint(path, {"source": "a", "settings": 2})
+        read_checkpoint(path, dataclasses.replace(KEY, settings=PipelineConfig(method="paper")))
     for content, what in (
         (b"\x80\x04pickled", "no checkpoint"),
         (MAGIC, "without a header"),
@@ -177,7 +180,7 @@ def test_other_settings_and_strange_files_are_refused(tmp_path: Path) -> None:
     ):
         path.write_bytes(content)
         with pytest.raises(OutputError, match=what):
-            read_checkpoint(path, {"source": "a"})
+            read_checkpoint(path, KEY)
 
 
 def record(payload: bytes, before: bytes = b"") -> bytes:
@@ -196,7 +199,7 @@ def payloads(data: bytes) -> list[bytes]:
 
 
 def test_records_lost_doubled_or_moved_are_never_taken_for_the_run(tmp_path: Path) -> None:
-    path, header = tmp_path / CHECKPOINT, {"source": "a", "first frame": 0}
+    path, header = tmp_path / CHECKPOINT, KEY
     checkpoint = Checkpoint(path, header)
     for i in range(5):
         checkpoint.append(finished(i))
@@ -218,7 +221,7 @@ def test_records_lost_doubled_or_moved_are_never_taken_for_the_run(tmp_path: Pat
 
 
 def test_zeros_after_a_power_cut_are_the_end(tmp_path: Path) -> None:
-    path, header = tmp_path / CHECKPOINT, {"source": "a"}
+    path, header = tmp_path / CHECKPOINT, KEY
     checkpoint = Checkpoint(path, header)
     checkpoint.append(finished(0))
     checkpoint.close()

@@ -73,16 +73,17 @@ def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
     real_drive, kitti_raw_0009: Path, tmp_path: Path
 ) -> None:  # type: ignore[no-untyped-def]
     from stereocalib_core.back.analyse import analyse
-    from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
+    from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
     from stereocalib_core.results import FrontEndMemory
     from stereocalib_core.sources import open_source
 
-    results = real_drive[1]
-    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", {})
+    source, results = open_source(str(kitti_raw_0009)), real_drive[1]
+    key = RunKey(source.content_key, source.camera, PipelineConfig())
+    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", key)
     for result in results:
         checkpoint.append(Done(result, FrontEndMemory(None, None), 1.0))
     checkpoint.close()
-    again_read = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", {})[0]]
+    again_read = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", key)[0]]
     for before, after in zip(results, again_read, strict=True):
         assert before.lidar is not None and after.lidar is not None
         assert before.lidar.values.tobytes() == after.lidar.values.tobytes()

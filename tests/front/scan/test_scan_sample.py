@@ -158,14 +158,20 @@ def test_real_frames_keep_little_and_nothing_without_a_scan(real) -> None:  # ty
 
 
 def test_frames_bin_gives_the_sample_back_bit_for_bit(real, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    from stereocalib_core.files.frames_bin import Checkpoint, Done, read_checkpoint
+    from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
     from stereocalib_core.results import FrontEndMemory
 
-    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", {})
+    key = RunKey(
+        "a",
+        StereoCamera(1242, 375, 721.5, 609.6, 172.9, 0.537),
+        PipelineConfig(),
+        first_frame=real[2][0].frame,
+    )
+    checkpoint = Checkpoint(tmp_path / "checkpoint.bin", key)
     for result in real[2]:
         checkpoint.append(Done(result, FrontEndMemory(None, None), 1.0))
     checkpoint.close()
-    again = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", {})[0]]
+    again = [done.result for done in read_checkpoint(tmp_path / "checkpoint.bin", key)[0]]
     assert again[2].scan is None
     for before, after in zip(real[2][:2], again[:2], strict=True):
         for field in dataclasses.fields(ScanSample):
