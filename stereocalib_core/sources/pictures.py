@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.sources.picture_size import jpeg_segments, size_of
-from stereocalib_core.sources.png import DamagedPng, decode_grey8
+from stereocalib_core.sources.png import DamagedPng, decode_grey8, for_general_decoder
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 64_000_000
@@ -109,6 +109,7 @@ def decode(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8
         try:
             if (grey := decode_grey8(data)) is not None:
                 return grey
+            data = for_general_decoder(data)
         except DamagedPng as error:
             raise UnreadablePicture(f"damaged PNG, {error}") from error
     else:

@@ -79,6 +79,35 @@ def test_rows_that_are_too_few_or_damaged_are_named() -> None:
             decode(data)
 
 
+def test_libpng_has_nothing_to_say(capfd: pytest.CaptureFixture[str]) -> None:
+    """Its lines on stderr would go through those of a run."""
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 256, (9, 8, 3), dtype=np.uint8)
+    deep = rng.integers(0, 2**16, (9, 8), dtype=np.uint16)
+    profile = chunk(b"iCCP", b"wrong\0\0" + zlib.compress(b"no profile"))
+    for picture in (image, deep):
+        data = cv2.imencode(".png", picture)[1].tobytes()
+        with_profile = data[:33] + profile + data[33:]
+        np.testing.assert_array_equal(decode(with_profile), decode(data))
+    grey = np.zeros((6, 5), dtype=np.uint8)
+    rows = b"\0" * 6 * 16
+    kinds = {
+        "rgb": bytes([8, 2, 0, 0, 0]),
+        "palette": bytes([8, 3, 0, 0, 0]),
+        "depth 3": bytes([3, 0, 0, 0, 0]),
+    }
+    for data in (
+        png(grey, rows[:-1], kinds["rgb"]),
+        png(grey, b"\7" + rows[1:], kinds["rgb"]),
+        png(grey, rows, kinds["rgb"]).replace(zlib.compress(rows)[2:5], b"\xff\xff\xff"),
+        png(grey, rows[:36], kinds["palette"]),
+        png(grey, rows, kinds["depth 3"]),
+    ):
+        with pytest.raises(UnreadablePicture):
+            decode(data)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_real_pictures(kitti_06: Path, data_dir: Path) -> None:
     for path in (kitti_06 / "image_0" / "000007.png", data_dir / "karlsruhe" / "left"):
         path = next(iter(sorted(path.glob("*.png")))) if path.is_dir() else path
