@@ -68,6 +68,18 @@ def test_three_perfect_boards_give_the_exact_transform(seed: int) -> None:
     assert not result.degenerate
 
 
+def test_unnikrishnan_and_hebert_take_the_translation_from_the_cameras_normals_alone() -> None:
+    """Where boards are noisy the two linear solutions differ, and each is what its authors wrote."""
+    p = planes(boards(8, 5, PAPER_NOISE))
+    theirs = unnikrishnan_hebert(p.normals_camera, p.offsets_camera, p.normals_lidar, p.offsets_lidar)
+    ours = dual_space(p.normals_camera, p.offsets_camera, p.normals_lidar, p.offsets_lidar)
+    gap = p.offsets_camera - p.offsets_lidar
+    np.testing.assert_allclose(theirs[:3, 3], np.linalg.pinv(p.normals_camera) @ gap, atol=1e-9)
+    turned = p.normals_lidar @ ours[:3, :3].T
+    np.testing.assert_allclose(ours[:3, 3], np.linalg.pinv(turned) @ gap, atol=1e-9)
+    assert np.abs(theirs[:3, 3] - ours[:3, 3]).max() > 1e-4
+
+
 def test_points_on_plane_is_exact_from_enough_perfect_boards() -> None:
     observations = boards(8)
     p = planes(observations)

@@ -13,6 +13,7 @@ import sys
 import time
 import tracemalloc
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -75,34 +76,25 @@ def finished(index: int) -> Done:
     return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
 
 
-def same(a: Done, b: Done) -> bool:
-    def parts(done: Done) -> list[object]:
-        r = done.result
-        assert r.road is not None and r.tracks is not None and r.rectification is not None
-        assert r.scan is not None
-        arrays = (
-            r.road.covariance,
-            r.tracks.points,
-            r.tracks.on_road,
-            r.rectification.values,
-            done.memory.motion,
-            r.disparities,
-            *(np.array(getattr(r.scan, field.name)) for field in dataclasses.fields(r.scan)),
-        )
-        return [
-            (r.frame, r.timestamp_s, r.road.extrinsics, r.road.inliers, r.road.free_fraction, r.road.range_m),
-            (r.failure, r.free_fraction, r.inliers, r.tracks.previous, r.checks, dict(r.timing_ms)),
-            (
-                r.rectification.matches,
-                r.rectification.keystone_rad,
-                done.memory.tracked,
-                done.total_ms,
-                r.lidar.points,
-            ),
-            *[(a.dtype.str, a.shape, a.tobytes()) for a in arrays if a is not None],
-        ]
+def leaves(value: object, path: str = "") -> dict[str, object]:
+    """Everything that a result holds, by its place; arrays as type, shape and bytes."""
+    if dataclasses.is_dataclass(value):
+        parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    elif isinstance(value, Mapping):
+        parts = {str(key): part for key, part in value.items()}
+    elif isinstance(value, tuple):
+        parts = {str(i): part for i, part in enumerate(value)}
+    elif isinstance(value, np.ndarray):
+        return {path: (value.dtype.str, value.shape, value.tobytes())}
+    else:
+        return {path: value}
+    return {
+        place: leaf for name, part in parts.items() for place, leaf in leaves(part, f"{path}.{name}").items()
+    }
 
-    return parts(a) == parts(b)
+
+def same(a: Done, b: Done) -> bool:
+    return leaves(a) == leaves(b)
 
 
 def test_nothing_of_a_frame_is_forgotten() -> None:

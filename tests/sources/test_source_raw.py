@@ -29,6 +29,32 @@ def test_reads_everything(tmp_path: Path) -> None:
     assert any("3 of 12" in notice for notice in source.notices)
 
 
+def test_a_car_that_turns_right_goes_right(tmp_path: Path) -> None:
+    """Longitude, latitude and yaw (from east, counter-clockwise) of a right bend: x and heading of the camera grow."""
+    drive = raw_drive(tmp_path, frames=10, oxts=10)
+    turned = np.deg2rad(4.0) * np.arange(10)
+    east, north = np.cumsum(np.cos(turned)), -np.cumsum(np.sin(turned))
+    for i, file in enumerate(sorted((drive / "oxts" / "data").iterdir())):
+        packet = [float(value) for value in file.read_text().split()]
+        packet[0] += np.rad2deg(north[i] / 6378137.0)
+        packet[1] = 8.4 + np.rad2deg(east[i] / (6378137.0 * np.cos(np.deg2rad(49.0))))
+        packet[5] = -turned[i]
+        file.write_text(" ".join(repr(float(value)) for value in packet))
+    truth = open_source(str(drive)).ground_truth
+    assert truth is not None and truth.poses is not None
+    # the camera stands 1.1 m before the IMU and 0.3 m right of it, so that it swings along
+    x, z = truth.poses[:, 0, 3], truth.poses[:, 2, 3]
+    camera = np.array([0.3 + 0.8, -0.3])
+    c, s = np.cos(-turned), np.sin(-turned)
+    forward = east + c * camera[0] - s * camera[1]
+    left = north + s * camera[0] + c * camera[1]
+    np.testing.assert_allclose(z, forward - forward[0], atol=5e-3)
+    np.testing.assert_allclose(x, -(left - left[0]), atol=5e-3)
+    assert x[-1] > 2.0
+    heading = np.arctan2(truth.poses[:, 0, 2], truth.poses[:, 2, 2])
+    np.testing.assert_allclose(heading, turned, atol=1e-6)
+
+
 def test_lidar_points_land_in_the_left_camera(tmp_path: Path) -> None:
     T = open_source(str(raw_drive(tmp_path, scans=1))).T_camera_lidar
     assert T is not None

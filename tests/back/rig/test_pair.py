@@ -13,10 +13,12 @@ from stereocalib_core.back.rig.pair import summarise
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.rows.self_check import examine, fit_rows
 from stereocalib_core.geometry import StereoCamera, rotation_x, rotation_z
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import FrameResult, RectificationSample
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
 
 CAMERA = StereoCamera(620, 240, 400.0, 309.0, 118.0, 0.54)
+LOW, HIGH = 0.75, 1.5
+"""Rms of errors over sigma."""
 
 
 def textured_pair(seed: int, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +89,40 @@ def test_what_is_far_away_does_not_hide_that_pictures_are_swapped() -> None:
         swapped = examine(source.camera, frame.left, frame.right).failure
         assert swapped is not None and swapped.reason is FailureReason.SWAPPED
         assert examine(source.camera, frame.right, frame.left).failure is None
+
+
+def test_sigma_of_a_frame_is_its_scatter() -> None:
+    """Matches whose errors are alike in fours, as `fit_rows` takes them: neither half of its sigma, nor twice."""
+    rng = np.random.default_rng(6)
+    z = []
+    for _ in range(150):
+        u, v = np.repeat(rng.uniform([0, 100], [CAMERA.width, CAMERA.height], (75, 2)), 4, axis=0).T
+        dv = np.repeat(rng.normal(0, 0.1, 75), 4)
+        found = fit_rows(CAMERA, np.stack([u + 20, v, u, v + dv], axis=1))
+        assert found is not None
+        z.append(found.values / np.sqrt(np.diag(found.covariance)))
+    rms = np.sqrt(np.mean(np.square(z), axis=0))
+    assert (rms > LOW).all() and (rms < HIGH).all(), rms
+
+
+def test_sigma_of_a_drive_is_its_scatter() -> None:
+    """Frames whose errors are alike in fours, as `robust_mean` takes them: the error of the whole is as it says."""
+    rng = np.random.default_rng(8)
+    sigma = np.array([0.02, np.deg2rad(0.004), np.deg2rad(0.008)])
+    z = []
+    for _ in range(300):
+        errors = np.repeat(rng.standard_normal((15, 3)), 4, axis=0) * sigma
+        sample = RectificationSample(np.zeros(3), np.diag(sigma**2), 80)
+        results = [
+            FrameResult(i, 0.1 * i, None, rectification=dataclasses.replace(sample, values=row))
+            for i, row in enumerate(errors)
+        ]
+        pair = summarise(CAMERA, results)
+        for measured in (pair.row_offset_px, pair.relative_pitch_rad, pair.relative_roll_rad):
+            assert measured is not None
+            z.append(measured.value / measured.sigma)
+    rms = np.sqrt(np.mean(np.square(z)))
+    assert LOW < rms < HIGH, rms
 
 
 def test_a_change_within_the_drive_is_reported_with_its_frames() -> None:

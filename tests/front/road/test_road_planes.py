@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config import DirectConfig, PipelineConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.road.estimate import estimate_road
+from stereocalib_core.front.road.surface import bends, fit_lane
 from stereocalib_core.front.road.variants import eq12_roll
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.simulator.plane import render_plane
@@ -107,6 +108,27 @@ def test_sigma_in_the_town_is_honest(town: dict[str, np.ndarray], method: str) -
     # 51 frames: the shares themselves have a sigma of 6 and 4 %
     assert np.all((once >= 0.5) & (once <= 0.9)), once
     assert np.all(twice >= 0.84), twice
+
+
+def test_patches_that_are_not_the_road_are_rejected() -> None:
+    """A sixth of the patches, all on one side, lie a sill too high: the plane stays, they lose their weight."""
+    rng = np.random.default_rng(4)
+    config = DirectConfig()
+    z, x = rng.uniform(4.5, 19.5, 150), rng.uniform(-1.7, 1.7, 150)
+    height_m, fb = 1.65, CAMERA.focal_px * CAMERA.baseline_m
+    px_per_m = fb / (height_m * z)
+    J = np.column_stack([CAMERA.focal_px * height_m / z, CAMERA.focal_px * x / z, np.ones(150)])
+    J = np.hstack([J, bends(x, z, config) * px_per_m[:, None]])
+    offset = rng.normal(0.0, 0.05, 150)
+    thing = (x > 0.6) & (z < 14.0)
+    offset[thing] += 0.15 * px_per_m[thing]
+    assert 20 <= thing.sum() <= 40
+    fit = fit_lane(J, offset, np.full(150, 0.05**2), config)
+    assert fit.robust[thing].max() < 0.1 and np.median(fit.robust[~thing]) > 0.7
+    sigma = np.sqrt(np.diag(fit.covariance))
+    assert (np.abs(fit.solution)[:3] < 4.0 * sigma[:3]).all()
+    # pixels of the plane, at the far corner of the lane
+    assert np.abs(J[:, :3] @ fit.solution[:3]).max() < 0.2
 
 
 def test_direct_with_half_of_the_road_covered() -> None:
