@@ -141,7 +141,7 @@ def analyse_openly(
         gaps=frames.gaps(best.measured),
         shifts=shifts,
         lidar=lidar,
-        causes=find_causes(results),
+        causes=find_causes(results, config.causes),
         config=config,
     )
     return drive, Workings(tracks, extrinsics, yaw, paths)

@@ -20,8 +20,10 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from stereocalib_core.config.back import (
+    CausesConfig,
     ConsistencyConfig,
     FilterConfig,
+    LagConfig,
     MountConfig,
     RectificationConfig,
     RoadPointsConfig,
@@ -49,11 +51,11 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
-    "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig", "ImageConfig",
-    "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method", "MountConfig", "OdometryConfig", "PairConfig",
-    "PipelineConfig", "ProfileConfig", "RectificationConfig", "RegionConfig", "RoadCheckConfig", "RoadPointsConfig",
-    "ScanDisparityConfig", "ScanSampleConfig", "ShiftAlarmConfig", "SightConfig", "TracksConfig", "VehicleConfig",
-    "YawConfig", "from_dict", "load", "to_dict",
+    "CausesConfig", "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig",
+    "ImageConfig", "LagConfig", "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method", "MountConfig",
+    "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig", "RegionConfig",
+    "RoadCheckConfig", "RoadPointsConfig", "ScanDisparityConfig", "ScanSampleConfig", "ShiftAlarmConfig",
+    "SightConfig", "TracksConfig", "VehicleConfig", "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 Method = Literal["direct", "paper"]
@@ -75,6 +77,7 @@ class PipelineConfig:
     limits: LimitsConfig = LimitsConfig()
     tracks: TracksConfig = TracksConfig()
     rectification: RectificationConfig = RectificationConfig()
+    lag: LagConfig = LagConfig()
     pair: PairConfig = PairConfig()
     vehicle: VehicleConfig = VehicleConfig()
     consistency: ConsistencyConfig = ConsistencyConfig()
@@ -87,6 +90,7 @@ class PipelineConfig:
     scan_sample: ScanSampleConfig = ScanSampleConfig()
     scan_disparity: ScanDisparityConfig = ScanDisparityConfig()
     lidar_alignment: LidarAlignmentConfig = LidarAlignmentConfig()
+    causes: CausesConfig = CausesConfig()
 
 
 def to_dict(config: Any) -> dict[str, Any]:

@@ -28,6 +28,27 @@ class RectificationConfig:
     suspect_roll_deg: float = 0.06
     bad_pitch_deg: float = 0.15
     bad_roll_deg: float = 0.25
+    keystone_deg: float = 0.5
+    """1 sigma of the keystone: a weak pull to zero keeps frames with matches in one half of the picture
+    from trading it against the roll. Physics: no mount turns further unseen."""
+    behind_px: float = 4.0
+    """Nothing that a camera sees lies so far behind infinity, whatever the last pixel of its calibration."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class LagConfig:
+    """Whether the right pictures belong to neighbouring frames."""
+
+    most: int = 2
+    """Frames by which they are tried earlier and later. A dropped picture shifts a list by one, two by two."""
+    frames: int = 16
+    """Frames that are asked, spread over those that failed. Numerical."""
+    sigmas: float = 4.0
+    """The matches must be more by so many sigmas of their counts: once in 16 000 by chance."""
+    alike: float = 4.0
+    """So many neighbouring matches count as one: they share their bit of scene."""
+    share: float = 0.75
+    """... and more in so many of the frames by themselves: a few rich frames decide nothing."""
 
 
 @dataclass(frozen=True, config=STRICT)

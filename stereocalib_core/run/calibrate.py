@@ -105,7 +105,7 @@ def calibrate(
     truth = cut_truth(recording.ground_truth, start, start + len(done))
     results = [d.result for d in done]
     drive = analyse(results, recording.camera, config, truth, rig)
-    drive = with_lag(drive, results, recording, config.rectification)
+    drive = with_lag(drive, results, recording, config)
     return told(drive, source if isinstance(source, str) else recording.name, recording, done, elapsed_s)
 
 

@@ -263,7 +263,7 @@ def _drive(job: Job, done: list[Done], elapsed_s: float) -> tuple[Drive, GroundT
 
     results = [d.result for d in done]
     drive = _told(_analyse(results, job, truth), job, done, elapsed_s)
-    drive = with_lag(drive, results, job.seen, job.config.rectification)
+    drive = with_lag(drive, results, job.seen, job.config)
     return dataclasses.replace(drive, mended=job.mending), truth
 
 

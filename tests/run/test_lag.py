@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereocalib_core.config import PipelineConfig, RectificationConfig
+from stereocalib_core.config import LagConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.front.rows.lag import lag_of
 from stereocalib_core.results import Drive, FrameResult
@@ -58,11 +58,11 @@ def test_pictures_of_one_moment_are_not_blamed(tmp_path: Path, black: bool) -> N
 
 def test_what_is_not_sure_is_no_lag() -> None:
     own, other = [10.0, 20.0, 60.0, 20.0, 10.0], [10.0, 20.0, 25.0, 60.0, 10.0]
-    assert lag_of(np.array([other] * 8)) == 1
-    assert lag_of(np.array([own] * 8)) is None
-    assert lag_of(np.array([[30.0, 30.0, 29.0, 30.0, 30.0]] * 16)) is None
-    assert lag_of(np.array([[0.0, 0.0, 0.0, 900.0, 0.0], *[own] * 5])) is None
-    assert lag_of(np.empty((0, 5))) is None
+    assert lag_of(np.array([other] * 8), LagConfig()) == 1
+    assert lag_of(np.array([own] * 8), LagConfig()) is None
+    assert lag_of(np.array([[30.0, 30.0, 29.0, 30.0, 30.0]] * 16), LagConfig()) is None
+    assert lag_of(np.array([[0.0, 0.0, 0.0, 900.0, 0.0], *[own] * 5]), LagConfig()) is None
+    assert lag_of(np.empty((0, 5)), LagConfig()) is None
 
 
 def test_a_live_source_is_not_asked_again() -> None:
@@ -77,4 +77,4 @@ def test_a_live_source_is_not_asked_again() -> None:
     failure = Failure(FailureReason.NO_ROAD, "a truck")
     blind = [FrameResult(frame=i, timestamp_s=0.1 * i, road=None, failure=failure) for i in range(20)]
     drive = Drive.of_frames(blind, PipelineConfig())
-    assert with_lag(drive, blind, Ended([None] * 20), RectificationConfig()) is drive  # type: ignore[arg-type]
+    assert with_lag(drive, blind, Ended([None] * 20), PipelineConfig()) is drive  # type: ignore[arg-type]

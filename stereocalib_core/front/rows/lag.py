@@ -10,19 +10,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.config import RectificationConfig
+from stereocalib_core.config import LagConfig, RectificationConfig
 from stereocalib_core.front.rows.row_matches import row_matches
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 
-LAGS = (-2, -1, 0, 1, 2)
-"""Frames by which the right pictures are tried later. A dropped picture shifts a list by one, two by two."""
-FRAMES = 16
-"""Frames that are asked, spread over those that failed."""
-SIGMAS = 4.0
-ALIKE = 4.0
-"""The matches must be more by so many sigmas of their counts, where so many neighbouring ones count as one: they share
-their bit of scene."""
+
+def lags_of(config: LagConfig) -> tuple[int, ...]:
+    """Frames by which the right pictures are tried later, in order; 0 is in the middle."""
+    return tuple(range(-config.most, config.most + 1))
 
 
 def matches_by_lag(
@@ -37,16 +33,17 @@ def matches_by_lag(
     return np.array([float(len(row_matches(left, right, far, near).points)) for right in rights])
 
 
-def lag_of(matches: Array) -> int | None:
-    """The lag that (N, LAGS) matches of N frames agree on; None where it is none, or not sure.
+def lag_of(matches: Array, config: LagConfig) -> int | None:
+    """The lag that (N, lags) matches of N frames agree on; None where it is none, or not sure.
 
     Sure is: more matches in all, beyond what counts scatter by (Poisson), and in three of four frames by themselves.
     """
     if len(matches) < 2:
         return None
-    total, own = matches.sum(axis=0), LAGS.index(0)
+    total, own = matches.sum(axis=0), config.most
     best = int(np.argmax(total))
     more = total[best] - total[own]
-    scatter = np.sqrt(ALIKE * (total[best] + total[own]))
+    scatter = np.sqrt(config.alike * (total[best] + total[own]))
     agree = float(np.mean(matches[:, best] > matches[:, own]))
-    return LAGS[best] if best != own and more > SIGMAS * scatter and agree >= 0.75 else None
+    sure = more > config.sigmas * scatter and agree >= config.share
+    return best - own if best != own and sure else None

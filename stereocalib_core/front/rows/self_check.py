@@ -30,12 +30,6 @@ from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import Check, RectificationSample
 
-_KEYSTONE_RAD = float(np.deg2rad(0.5))
-"""A weak pull of the keystone to zero (so much of it is common, 1 sigma) keeps frames with matches in one half of
-the picture from trading it against the roll."""
-_BEHIND_PX = -4.0
-"""Nothing that a camera sees has a disparity below this, whatever the last pixel of its calibration."""
-
 
 @dataclass(frozen=True)
 class Examination:
@@ -78,14 +72,14 @@ def _robust_rows(design: Array, dv: Array, prior: float) -> tuple[Array, Array, 
     return solution, normal, weights
 
 
-def fit_rows(camera: StereoCamera, points: Array) -> RectificationSample | None:
+def fit_rows(camera: StereoCamera, points: Array, config: RectificationConfig) -> RectificationSample | None:
     """Robust fit of the row model to (M, 4) left u, v, right u, v [px]; None where that fails."""
     f = camera.focal_px
     cx_right = camera.cx_px if camera.cx_right_px is None else camera.cx_right_px
     u, v = points[:, 2] - cx_right, points[:, 1] - camera.cy_px
     dv = points[:, 3] - points[:, 1]
     design = np.stack([1.0 + (v / f) ** 2, u / f, u * v / f**2], axis=1)
-    solution, normal, weights = _robust_rows(design, dv, 1.0 / (f * _KEYSTONE_RAD) ** 2)
+    solution, normal, weights = _robust_rows(design, dv, 1.0 / (f * np.deg2rad(config.keystone_deg)) ** 2)
     if not np.isfinite(solution).all() or np.linalg.cond(normal) > 1e8:
         return None
     # Neighbouring matches share what the model leaves out (lens distortion, their scene): four count as one.
@@ -98,10 +92,12 @@ def fit_rows(camera: StereoCamera, points: Array) -> RectificationSample | None:
     )
 
 
-def _behind_and_ahead(camera: StereoCamera, matches: RowMatches) -> tuple[int, int]:
+def _behind_and_ahead(
+    camera: StereoCamera, matches: RowMatches, config: RectificationConfig
+) -> tuple[int, int]:
     """Clear matches behind and ahead of infinity; those close to it do not tell left from right."""
     disparity = matches.coarse_px - camera.disparity_offset_px
-    return int((disparity < _BEHIND_PX).sum()), int((disparity > -_BEHIND_PX).sum())
+    return int((disparity < -config.behind_px).sum()), int((disparity > config.behind_px).sum())
 
 
 def examine(
@@ -119,24 +115,24 @@ def examine(
     offset = camera.disparity_offset_px
     near, far = offset + config.search_px, offset - 0.4 * config.search_px
     matches = row_matches(left, right, far, near)
-    behind, ahead = _behind_and_ahead(camera, matches)
+    behind, ahead = _behind_and_ahead(camera, matches, config)
     few = len(matches.coarse_px) < config.clear_fraction * matches.corners
     if matches.corners >= config.min_matches and (few or 3 * behind > ahead):
         # Swapped pictures and rows far apart both look like no match: look harder (slow, so only then).
         matches = row_matches(left, right, far, near, thorough=True)
-        behind, ahead = _behind_and_ahead(camera, matches)
+        behind, ahead = _behind_and_ahead(camera, matches, config)
         if few and behind <= ahead:
             wide = row_matches(left, right, far, near, rows_px=config.search_rows_px)
             if len(wide.points) > 1.5 * len(matches.points):
                 matches = wide
-                behind, ahead = _behind_and_ahead(camera, matches)
+                behind, ahead = _behind_and_ahead(camera, matches, config)
     checks = [Check("rectification", "left-right matches", float(len(matches.points)))]
     if behind >= config.min_matches and behind > ahead:
         detail = f"{behind} of {behind + ahead} matches have negative disparity: left and right are swapped"
         share = behind / (behind + ahead)
         checks.append(Check("rectification", "matches beyond infinity", share, high=0.5))
         return Examination(None, Failure(FailureReason.SWAPPED, detail), tuple(checks))
-    sample = fit_rows(camera, matches.points) if len(matches.points) >= config.min_matches else None
+    sample = fit_rows(camera, matches.points, config) if len(matches.points) >= config.min_matches else None
     if sample is None:
         return Examination(None, None, tuple(checks))
     pitch, roll = np.rad2deg(sample.values[1:])

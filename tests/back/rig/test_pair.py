@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.back.rig.pair import summarise
+from stereocalib_core.config import RectificationConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.rows.self_check import examine, fit_rows
 from stereocalib_core.geometry import StereoCamera, rotation_x, rotation_z
@@ -145,7 +146,7 @@ def test_the_keystone_is_not_taken_for_roll() -> None:
     u, v = rng.uniform(0, CAMERA.width, 300), rng.uniform(100, CAMERA.height, 300)
     k = np.deg2rad(0.5)
     dv = k * (u - CAMERA.cx_px) * (v - CAMERA.cy_px) / CAMERA.focal_px + rng.normal(0, 0.05, 300)
-    found = fit_rows(CAMERA, np.stack([u + 20, v, u, v + dv], axis=1))
+    found = fit_rows(CAMERA, np.stack([u + 20, v, u, v + dv], axis=1), RectificationConfig())
     assert found is not None
     assert abs(np.rad2deg(found.values[2])) < 0.01
     assert np.rad2deg(found.keystone_rad) == pytest.approx(0.5, abs=0.06)
