@@ -17,6 +17,7 @@ from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.outline import overlaps
 from stereocalib_core.boards.pcd import lzf_decompress
+from stereocalib_core.boards.point_sums import warm_up as warm_up_sums
 from stereocalib_core.boards.refine import Iteration
 from stereocalib_core.boards.run import NothingToSolve, files_of, run, solve
 
@@ -28,6 +29,7 @@ __all__ = [
 
 
 def warm_up() -> None:
-    """Compile what is compiled: the outline search, the unpacker of compressed PCD files."""
+    """Compile what is compiled: the outline search, the refinement's sums, the unpacker of compressed PCD files."""
+    warm_up_sums()
     lzf_decompress(np.array([0, 7], dtype=np.uint8), 1)
     overlaps(np.zeros((1, 2)), np.ones(1, dtype=bool), np.ones(2), 0.0, np.zeros(1), np.zeros((1, 2)))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereocalib_core.boards.observation import PairObservation
+from stereocalib_core.boards.rotations import cross
 from stereocalib_core.config.boards import CENTRES
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma
@@ -57,7 +58,7 @@ class Centres:
         """(7, 7) information and (7,) gradient by a left twist of T and by the scale."""
         moved = self.lidar @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
         J = np.zeros((len(moved), 2, 7))
-        J[:, :, :3] = np.cross(moved[:, None, :], self.axes)
+        J[:, :, :3] = cross(moved[:, None, :], self.axes)
         J[:, :, 3:6] = self.axes
         J[:, :, 6] = -np.einsum("mka,ma->mk", self.axes, self.camera)
         return (

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.centres import Centres
-from stereocalib_core.boards.rotations import skew
+from stereocalib_core.boards.point_sums import distances_and_places, huber_sums
+from stereocalib_core.boards.rotations import cross, skew
 from stereocalib_core.config.boards import PLANE, REFINE
 from stereocalib_core.numeric.arrays import Array
 
@@ -145,23 +146,34 @@ def _boards_in_lidar(problem: JointProblem, state: JointState) -> tuple[Array, A
 def _lidar_rows(problem: JointProblem, state: JointState) -> _LidarRows:
     """The places along the board are those where the rays meet it: at the measured points they would share those
     points' noise, which biases tilts by (sigma / half the board)^2 over the slant, a tenth of a degree."""
-    distance, slant = plane_distances(problem, state)
     axes, places = _boards_in_lidar(problem, state)
-    facing = np.sign(np.einsum("pa,pa->p", problem.rays, axes[:, :, 2][problem.owner]))
-    met = problem.points - problem.rays * (distance / (facing * slant))[:, None]
-    along = np.einsum("pa,pak->pk", met, axes[problem.owner, :, :2]) - places[problem.owner, :2]
-    error = state.plane_errors[problem.owner]
-    distance = distance - along[:, 0] * error[:, 0] - along[:, 1] * error[:, 1] - error[:, 2]
-    return _LidarRows(distance, slant, along)
+    return _LidarRows(
+        *distances_and_places(
+            problem.points, problem.rays, problem.owner, axes, places, state.plane_errors, PLANE.slant_floor
+        )
+    )
+
+
+def _lidar_sums(problem: JointProblem, state: JointState) -> tuple[float, Array, Array]:
+    """Half the sum of the points' squares under Huber's loss, and per board the moments and pulls of (1, x, y)."""
+    rows = _lidar_rows(problem, state)
+    return huber_sums(
+        rows.distance,
+        rows.slant,
+        rows.along,
+        problem.owner,
+        len(problem.counts),
+        problem.noise.range_m,
+        REFINE.huber,
+    )
 
 
 def cost(problem: JointProblem, state: JointState, free: Free) -> tuple[float, float]:
     """Half the sum of squares under Huber's loss, priors included, and the corners' rms [px]."""
     with np.errstate(invalid="ignore"):
         error = corner_errors(problem, state)
-        rows = _lidar_rows(problem, state)
         total = _huber(error / problem.noise.corner_px)
-        total += _huber(rows.distance / (rows.slant * problem.noise.range_m))
+        total += _lidar_sums(problem, state)[0]
         total += 0.5 * float(np.sum(state.plane_errors**2 * _plane_precision(problem)))
         if problem.centres is not None:
             total += problem.centres.cost(state.T_camera_lidar, state.scale)
@@ -222,15 +234,8 @@ def _shared_columns(
 
 def _lidar_equations(problem: JointProblem, state: JointState) -> tuple[Array, Array, Array, Array, Array]:
     """H_gg (6, 6), g_g (6,), H_gb (M, 6, 9), H_bb (M, 9, 9), g_b (M, 9) of points and prior."""
-    rows = _lidar_rows(problem, state)
-    sigma = rows.slant * problem.noise.range_m
-    residual = rows.distance / sigma
-    weight = _huber_weight(residual)
     # A point tells of three numbers of its board, the shift along its normal and two tilts: q = (1, x, y).
-    q = np.column_stack([np.ones(len(sigma)), rows.along]) / sigma[:, None]
-    products = (weight[:, None, None] * q[:, :, None] * q[:, None, :]).reshape(-1, 9)
-    moments = np.add.reduceat(products, problem.starts, axis=0).reshape(-1, 3, 3)
-    pulls = np.add.reduceat(q * (weight * residual)[:, None], problem.starts, axis=0)
+    _, moments, pulls = _lidar_sums(problem, state)
     C = _board_columns(state)
     H_bb = C @ moments @ np.swapaxes(C, 1, 2)
     g_b = np.einsum("mki,mi->mk", C, pulls)
@@ -247,9 +252,9 @@ def _board_columns(state: JointState) -> Array:
     normals = poses[:, :3, 2]
     C = np.zeros((len(poses), 9, 3))
     # The extrinsics' twist moves the point, the board's own twist the board: the same with opposite signs.
-    C[:, :3, 0] = -np.cross(poses[:, :3, 3], normals)
-    C[:, :3, 1] = -np.cross(poses[:, :3, 0], normals)
-    C[:, :3, 2] = -np.cross(poses[:, :3, 1], normals)
+    C[:, :3, 0] = -cross(poses[:, :3, 3], normals)
+    C[:, :3, 1] = -cross(poses[:, :3, 0], normals)
+    C[:, :3, 2] = -cross(poses[:, :3, 1], normals)
     C[:, 3:6, 0] = -normals
     C[:, 6, 1] = C[:, 7, 2] = C[:, 8, 0] = -1.0
     return C

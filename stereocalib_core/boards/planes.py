@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.boards.observation import PlaneEstimate
+from stereocalib_core.boards.rotations import cross
 from stereocalib_core.config.boards import PLANE
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
@@ -19,9 +20,9 @@ def tangent_basis(normal: Array) -> Array:
     """(..., 3) unit normals to (..., 2, 3): two unit vectors across each, smooth enough for local steps."""
     n = np.asarray(normal, dtype=np.float64)
     helper = np.where(np.abs(n[..., :1]) < 0.8, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    first = np.cross(n, helper)
+    first = cross(n, helper)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(n, first)], axis=-2)
+    return np.stack([first, cross(n, first)], axis=-2)
 
 
 def plane_through(points: Array, weights: Array | None = None) -> tuple[Plane, Array]:
@@ -103,7 +104,7 @@ def ransac_plane(
         else points[rng.choice(len(points), PLANE.ransac_points, replace=False)]
     )
     corners = few[rng.integers(0, len(few), (trials, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
     good = length > 1e-6
     normals, anchors = normals[good] / length[good, None], corners[good, 0]

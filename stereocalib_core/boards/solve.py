@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.observation import PlaneEstimate
 from stereocalib_core.boards.planes import tangent_basis
-from stereocalib_core.boards.rotations import apply_twist, nearest_rotation, skew
+from stereocalib_core.boards.rotations import apply_twist, cross, nearest_rotation, skew
 from stereocalib_core.config.boards import SOLVE
 from stereocalib_core.geometry import transform
 from stereocalib_core.numeric.arrays import Array
@@ -97,8 +97,8 @@ def mismatch(pairs: PlanePairs, T_camera_lidar: Array) -> tuple[Array, Array]:
     tilt = np.einsum("mka,ma->mk", basis, moved)
     gap = offsets - np.sum(moved * pairs.centers_camera, axis=1)
     J = np.zeros((len(pairs), 3, 6))
-    J[:, :2, :3] = np.cross(moved[:, None, :], basis)
-    J[:, 2, :3] = -np.cross(moved, pairs.centers_camera)
+    J[:, :2, :3] = cross(moved[:, None, :], basis)
+    J[:, 2, :3] = -cross(moved, pairs.centers_camera)
     J[:, 2, 3:] = moved
     return np.column_stack([tilt, gap]), J
 

@@ -96,7 +96,7 @@ def test_an_estimated_camera_agrees_within_its_sigma(found: Detection) -> None:
 
 
 def test_ticking_a_pair_out_is_quick(found: Detection) -> None:
-    """A page that answers at once: a fifth of this limit is what it takes on one slow core."""
+    """A page that answers at once: a tenth of this limit is what it takes."""
     times = []
     for o in found.observations[:6]:
         start = time.thread_time()
