@@ -31,13 +31,22 @@ from stereocalib_core.numeric.arrays import Array
 class Beams:
     """owner: (P,) the beam of each point of a problem; count of beams; sigma_m: 1 sigma of their own range errors.
 
+    freedom: how many independent numbers sigma_m rests on (as chi^2 would count them).
     shared: (3 M, 3 M) covariance that they give to the boards' mismatches (`solve.mismatch`), in common.
     """
 
     owner: NDArray[np.int64]
     count: int
     sigma_m: float
+    freedom: float
     shared: Array
+
+    @property
+    def variance(self) -> float:
+        """Of a beam's error [m^2], the doubt in sigma_m included: few beams are met, and Student's t with so many
+        degrees of freedom is wider than a Gaussian of the same sigma by nu / (nu - 2)."""
+        freedom = max(self.freedom, BEAM.least_freedom)
+        return self.sigma_m**2 * freedom / (freedom - 2.0)
 
 
 def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) -> Beams | None:
@@ -46,9 +55,9 @@ def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) 
     if owner is None:
         return None
     count = int(owner.max()) + 1
-    sigma = _beam_sigma(problem, state, owner, count)
+    sigma, freedom = _beam_sigma(problem, state, owner, count)
     response = _plane_response(problem, state, owner, count, normals_camera)
-    return Beams(owner, count, sigma, sigma**2 * response @ response.T)
+    return Beams(owner, count, sigma, freedom, sigma**2 * response @ response.T)
 
 
 def beams_of(rays: Array) -> NDArray[np.int64] | None:
@@ -69,15 +78,17 @@ def beams_of(rays: Array) -> NDArray[np.int64] | None:
     return owner
 
 
-def _beam_sigma(problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int) -> float:
-    """Spread of the beams' errors: each row of a board against the board's plane, planes left free.
+def _beam_sigma(
+    problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int
+) -> tuple[float, float]:
+    """Spread of the beams' errors [m] and its degrees of freedom: rows against their boards' planes, planes left free.
 
     A row's mean is a * (1, x, y) of its board plus its beam's error plus noise; the errors' variance is that of
     largest likelihood (expectation and maximisation).
     """
     rows = _rows(problem, state, owner, count)
     if rows is None:
-        return 0.0
+        return 0.0, 0.0
     board, beam, places, means = rows
     boards = len(problem.counts)
     A, c, left = np.zeros((count, count)), np.zeros(count), 0.0
@@ -96,7 +107,7 @@ def _beam_sigma(problem: JointProblem, state: JointState, owner: NDArray[np.int6
         freedom += len(q) - 3
     seen = np.diag(A) > 0
     if freedom <= int(seen.sum()):
-        return 0.0
+        return 0.0, 0.0
     A, c, K = A[np.ix_(seen, seen)], c[seen], int(seen.sum())
     variance, noise = left / freedom / 2, left / freedom / 2
     for _ in range(BEAM.rounds):
@@ -105,7 +116,9 @@ def _beam_sigma(problem: JointProblem, state: JointState, owner: NDArray[np.int6
         variance = max(float(b @ b + np.trace(B)) / K, 1e-12)
         rest = left - 2 * float(b @ c) + float(b @ A @ b) + float(np.trace(A @ B))
         noise = max(rest / freedom, 1e-12)
-    return float(np.sqrt(variance))
+    # Twice the squared variance over the variance of its estimate (from the likelihood's information).
+    told = np.linalg.eigvalsh(A) * variance / noise
+    return float(np.sqrt(variance)), float(np.sum((told / (1.0 + told)) ** 2))
 
 
 def _rows(
@@ -135,7 +148,7 @@ def covariance_of_beams(problem: JointProblem, state: JointState, beams: Beams, 
     toward[:6] = -pulls[:, :6].sum(axis=0)
     toward -= np.einsum("mgb,mbc,mck->gk", system.H_gb, inverse, pulls)
     moved = covariance_of(system.reduced())[:6] @ toward
-    return np.asarray(beams.sigma_m**2 * moved @ moved.T)
+    return np.asarray(beams.variance * moved @ moved.T)
 
 
 def _plane_response(

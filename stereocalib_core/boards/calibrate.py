@@ -264,13 +264,18 @@ def _scatter(pairs: PlanePairs, T: Array, shared: Array | None) -> float:
     freedom = 3 * len(pairs) - 7
     if freedom < 3:
         return 1.0
-    z, _ = mismatch(pairs, T)
+    z, J = mismatch(pairs, T)
     total = block_diagonal(mismatch_covariance(pairs, T)) + (0.0 if shared is None else shared)
-    # A square of another size than stated moves every board along its normal: the ruler's error is none of theirs.
-    sized = np.zeros(len(total))
-    sized[2::3] = VARIANCE.scale_sigma * pairs.offsets_camera
-    total = total + np.outer(sized, sized) + 1e-12 * np.eye(len(total))
-    factor = float(z.reshape(-1) @ np.linalg.solve(total, z.reshape(-1))) / freedom
+    total = total + 1e-12 * np.eye(len(total))
+    # What a step of the transform, or a square of another size than stated, can mend is not the boards' own: the
+    # transform here is that of points and corners, and need not be the one these planes would choose.
+    by_scale = np.zeros((len(pairs), 3, 1))
+    by_scale[:, 2, 0] = -pairs.offsets_camera
+    A = np.concatenate([J, by_scale], axis=2).reshape(len(total), -1)
+    W = np.linalg.inv(total)
+    pull = A.T @ W @ z.reshape(-1)
+    left = float(z.reshape(-1) @ W @ z.reshape(-1)) - float(pull @ np.linalg.pinv(A.T @ W @ A) @ pull)
+    factor = left / freedom
     return factor if factor > 1.0 + 2.0 * np.sqrt(2.0 / freedom) else 1.0
 
 

@@ -16,7 +16,6 @@ from stereocalib_core.boards.observation import PairObservation
 from stereocalib_core.boards.rotations import cross
 from stereocalib_core.config.boards import CENTRES
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.robust import mad_sigma
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,9 @@ class Centres:
         raw = cls(lidar, poses[:, :3, 3], np.swapaxes(poses[:, :3, :2], 1, 2), own, CENTRES.shared_m)
         if len(kept) >= CENTRES.least_boards:
             gaps = raw.gaps(T_camera_lidar, scale)
-            own = max(mad_sigma((gaps - np.median(gaps, axis=0)).reshape(-1)), CENTRES.least_own_m)
+            # Not a robust one: outlines that slipped to the next ring are what the weight must allow for.
+            apart = gaps - gaps.mean(axis=0)
+            own = max(float(np.sqrt(np.sum(apart**2) / (2 * len(kept) - 2))), CENTRES.least_own_m)
         return cls(raw.lidar, raw.camera, raw.axes, own, raw.shared_m)
 
     def gaps(self, T_camera_lidar: Array, scale: float) -> Array:

@@ -86,15 +86,18 @@ def covariance_with_doubt(
     free = Free(True, held.free.intrinsics, True, _ruler(held))
     information = linearise(problem, held.state, free).reduced()
     if held.free.scale:
-        covariance = covariance_of(information)[:6, :6]
+        whole = covariance_of(information)
+        # What the ruler knows is its own: a scatter of the boards makes it no worse.
+        by_ruler = whole[:6, -1] / held.free.scale_sigma
+        covariance = scatter * whole[:6, :6] + (1.0 - scatter) * np.outer(by_ruler, by_ruler)
     else:
         # T is for the stated size, whatever the data say of it: the ruler's error moves it in full.
         known = covariance_of(information[:-1, :-1])
         moved_by = known[:6] @ information[:-1, -1] * VARIANCE.scale_sigma
-        covariance = known[:6, :6] + np.outer(moved_by, moved_by)
+        covariance = scatter * known[:6, :6] + np.outer(moved_by, moved_by)
     if beams is not None:
-        covariance = covariance + covariance_of_beams(problem, held.state, beams, free) / scatter
-    covariance = split_covariance(covariance * scatter, held.state.T_camera_lidar)
+        covariance = covariance + covariance_of_beams(problem, held.state, beams, free)
+    covariance = split_covariance(covariance, held.state.T_camera_lidar)
     return covariance if doubt is None else covariance + doubt.moved
 
 

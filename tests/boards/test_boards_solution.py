@@ -20,6 +20,7 @@ from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.boards.rotations import apply_twist, rotation_from_vector, rotation_vector
 from stereocalib_core.boards.solve import PlanePairs
 from stereocalib_core.boards.variance_components import plane_sigmas, with_plane_errors
+from stereocalib_core.config.boards import VARIANCE
 from stereocalib_core.experiments.lidar_camera_simulation import (
     BOARD,
     CAMERA,
@@ -165,12 +166,17 @@ def deviations(result: Calibration) -> Array:
 
 @pytest.mark.parametrize("free", [False, True])
 def test_sigma_covers_the_error_whatever_the_beams_do(free: bool) -> None:
+    """Beams with a range error of their own, and squares measured by a ruler: what sigma is said to count."""
     inside = []
     for seed in range(30):
         rng = np.random.default_rng(900 + seed)
         bias = 0.006 * rng.standard_normal(16)
+        measured = replace(
+            BOARD, square_m=BOARD.square_m * (1.0 + VARIANCE.scale_sigma * rng.standard_normal())
+        )
         seen = []
-        for o in boards(11, seed):
+        for sharp in boards(11, seed):
+            o = posed_again(sharp, CAMERA, measured)
             reach = np.linalg.norm(o.points_lidar, axis=1)
             beam = np.round((np.rad2deg(np.arcsin(o.points_lidar[:, 2] / reach)) + 15) / 2).astype(int)
             points = o.points_lidar * (1 + bias[beam] / reach)[:, None]
@@ -178,8 +184,8 @@ def test_sigma_covers_the_error_whatever_the_beams_do(free: bool) -> None:
             seen.append(
                 replace(o, points_lidar=points, lidar_plane=fit_plane(points, None, o.lidar_plane.center))
             )
-        inside.append(np.abs(deviations(calibrate(seen, BOARD, CAMERA, with_intrinsics=free))))
-    assert 0.60 <= np.mean(np.array(inside) < 1.0) <= 0.80
+        inside.append(np.abs(deviations(calibrate(seen, measured, CAMERA, with_intrinsics=free))))
+    assert 0.60 <= np.mean(np.array(inside) < 1.0) <= 0.76
     assert np.mean(np.array(inside) < 2.0) >= 0.92
 
 
