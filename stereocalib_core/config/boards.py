@@ -297,7 +297,7 @@ class BeamConfig:
     """Rows of fewer points, and sets of fewer boards, say nothing of a beam."""
     rounds: int = 60
     least_freedom: float = 4.0
-    """Degrees of freedom below which Student's t has hardly a variance to speak of: the beams' share is doubled at most."""
+    """Degrees of freedom below which Student's t has hardly a variance: the beams' share is doubled at most."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ class CentresConfig:
     usual_own_m: float = 0.030
     least_own_m: float = 0.010
     """One outline: half the spacing of a VLP-16's rings at 2 m where few boards show no scatter; never below the step
-    of a spinning LiDAR (0.2 degrees) at 3 m, which rounds all edges alike. Tuned on rendered sets of seeds 100 to 139."""
+    of a spinning LiDAR (0.2 degrees) at 3 m, which rounds all edges alike. Tuned on rendered seeds 100 to 139."""
     least_boards: int = 5
 
 
