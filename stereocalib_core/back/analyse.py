@@ -46,8 +46,11 @@ from stereocalib_core.results import (
     FilteredExtrinsics,
     FrameResult,
     FrameTable,
+    LidarCheck,
     Measured,
+    Pair,
     Rig,
+    Shift,
 )
 
 SUFFIXES: Mapping[str, Model] = MappingProxyType(
@@ -123,28 +126,40 @@ def analyse_openly(
     best = paths[BEST]
     motion = MotionSeries.from_path(frames.elapsed_s, best, tracks, config.vehicle)
     shifts = find_shifts(results, motion, yaw.pair_yaw_rad, config.shift_alarm)
-    lidar = check(results, config.road_check)
-    if lidar is not None:
-        lidar = who_moved(lidar, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
-        lidar = with_all_six(lidar, results, camera, best.poses, config.lidar_alignment)
     mount = estimate_mount(results, motion, yaw_measured, lever, shifts, config)
     height_m = None if mount.height_m is None else mount.height_m.value
     truth = None if ground_truth is None else ground_truth.poses
     rows = summarise(camera, results, config.rectification)
+    pair = calibrate_pair(camera, results, tracks, rows, truth, height_m, config)
     drive = Drive(
         frames=frames,
         method=config.method,
         mount=mount,
         yaw_reason=yaw_reason,
-        pair=calibrate_pair(camera, results, tracks, rows, truth, height_m, config),
+        pair=pair,
         paths=_judged(paths, ground_truth, config.odometry.min_measured),
         gaps=frames.gaps(best.measured),
         shifts=shifts,
-        lidar=lidar,
+        lidar=_lidar(camera, results, best.poses, shifts, pair, config),
         causes=find_causes(results, config.causes),
         config=config,
     )
     return drive, Workings(tracks, extrinsics, yaw, paths)
+
+
+def _lidar(
+    camera: StereoCamera,
+    results: Sequence[FrameResult],
+    poses: Array,
+    shifts: Sequence[Shift],
+    pair: Pair,
+    config: PipelineConfig,
+) -> LidarCheck | None:
+    """The LiDAR against the road where there is one, and against edges; None without scans."""
+    by_road = check(results, config.road_check)
+    if by_road is not None:
+        by_road = who_moved(by_road, [(s.frame, s.axis, s.size) for s in shifts], config.road_check)
+    return with_all_six(by_road, results, camera, poses, config.lidar_alignment, pair.disparity_offset_px)
 
 
 def _one_rig(

@@ -151,11 +151,17 @@ class LidarAlignmentConfig:
     """1 sigma by which scan and picture may differ in how wide things are: a beam of 0.1 deg, the matcher's window."""
     prior_offset_px: float = 1.0
     """1 sigma of a disparity offset: 0.08 deg between the two cameras."""
+    matcher_bias_px: float = 0.2
+    """1 sigma by which the dense matcher differs from the tracks, where these show the offset: on a perfect road it is
+    off by so much, since it locks to whole pixels of its half-size pictures."""
     prior_scale: float = 0.02
     """1 sigma of a scale of disparity: focal length or baseline wrong by 2 %."""
     known_sweep_sigma: float = 0.0005
     """1 sigma of how far the LiDAR turns from frame to frame where it is known: so small that it stays, against many
     thousand edges that each count in full on the way to the solution."""
+    stated_sweep: float = 0.9
+    """How likely the sense of rotation is that a recording states, beforehand: KITTI's description says counter-
+    clockwise, those who undo it turn the other way and find their paths better for it."""
     sweep_scans: int = 40
     """Scans by which it is found where it is not known."""
     lost_share: float = 0.7

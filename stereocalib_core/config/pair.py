@@ -65,6 +65,11 @@ class PairConfig:
     """Steps further from the median ratio, in sigmas, are a jump of the GNSS."""
     path_systematic: float = 0.001
     """1 sigma of a path's scale that no length removes, by the tracks' own bias on rendered drives."""
+    unknown_scale: float = 0.01
+    """1 sigma of a scale of depth that nobody measured: of KITTI's rig of 2011_09_26 by its LiDAR, over ten times what
+    its targets claim. Calibrated together, an offset and a scale undo each other where the targets stood."""
+    scale_range_m: float = 15.0
+    """... and about where a path takes its length from: on a street most near points are 10 to 20 m away."""
     suspect_yaw_deg: float = 0.02
     bad_yaw_deg: float = 0.08
 

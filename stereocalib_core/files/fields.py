@@ -57,6 +57,11 @@ class Fields:
         """A string."""
         return self._is(key, str, "text")  # type: ignore[no-any-return]
 
+    def flag(self, key: str, otherwise: bool) -> bool:
+        """Yes or no; `otherwise` where it is not told."""
+        value = self._is(key, bool, "yes or no")
+        return otherwise if value is None else bool(value)
+
     def choice(self, key: str, known: tuple[str, ...], needed: bool = False) -> Any:
         """One of a few strings."""
         value = self.text(key)

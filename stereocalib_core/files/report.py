@@ -135,6 +135,7 @@ def pair_block(pair: Pair) -> Block:
         "verdict": pair.verdict,
         "why": pair.why,
         "yaw_reason": pair.yaw_reason,
+        "yaw_mends": pair.yaw_mends,
         "pairs": pair.pairs,
         "yaw_halves_deg": [float(value) for value in np.rad2deg(pair.yaw_halves)],
         "yaw_thirds_deg": [float(value) for value in np.rad2deg(pair.yaw_thirds)],

@@ -114,6 +114,7 @@ def _read_pair(rows: Fields, block: Fields) -> Pair:
         by_lidar_px=block.measured("lidar_offset_px"),
         effects=_read_effects(effects) if effects.values else None,
         yaw_reason=block.text("yaw_reason"),
+        yaw_mends=block.flag("yaw_mends", otherwise=True),
     )
 
 
@@ -167,13 +168,12 @@ def _read_lidar(block: Fields) -> LidarCheck | None:
     if not block.values:
         return None
 
-    def residual(key: str) -> Residual:
+    def residual(key: str) -> Residual | None:
         unit = DEGREE if key.endswith("_deg") else 1.0
         entry = block.block(key)
+        if not entry.values:
+            return None
         return Residual(*(entry.need(field.name) * unit for field in dataclasses.fields(Residual)))
-
-    def perhaps(key: str) -> Residual | None:
-        return residual(key) if block.block(key).values else None
 
     def shift(entry: Fields) -> LidarShift:
         axis = entry.choice("axis", ("height", "pitch", "roll", "yaw", "x", "z"), needed=True)
@@ -195,9 +195,9 @@ def _read_lidar(block: Fields) -> LidarCheck | None:
         tuple(shift(entry) for entry in block.blocks("shifts")),
         int(block.need("frames")),
         block.text("unseen") or "",
-        yaw_rad=perhaps("yaw_deg"),
-        x_m=perhaps("x_m"),
-        z_m=perhaps("z_m"),
+        yaw_rad=residual("yaw_deg"),
+        x_m=residual("x_m"),
+        z_m=residual("z_m"),
         why=block.text("why"),
         pose=_read_lidar_pose(block.block("T_camera_lidar")),
     )

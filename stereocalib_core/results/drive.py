@@ -194,16 +194,17 @@ class LidarPose:
 
 @dataclass(frozen=True)
 class LidarCheck:
-    """Do camera and LiDAR still agree? frames: how many say so. unseen: what they cannot say.
+    """Do camera and LiDAR still agree? frames: how many with a road say so. unseen: what they cannot say.
 
-    yaw_rad, x_m, z_m: None where they could not be measured; why: what was lacking.
+    height_m, pitch_rad, roll_rad: by the road, None where no frame shows one. yaw_rad, x_m, z_m: None where they could
+    not be measured; why: what was lacking.
     series, stretches: the residuals behind it, where they are at hand. pose: where the LiDAR is, for a mended
     calibration.
     """
 
-    height_m: Residual
-    pitch_rad: Residual
-    roll_rad: Residual
+    height_m: Residual | None
+    pitch_rad: Residual | None
+    roll_rad: Residual | None
     shifts: tuple[LidarShift, ...]
     frames: int
     unseen: str

@@ -13,6 +13,8 @@ from stereocalib_core.results.frame import Measured
 Verdict = Literal["good", "suspect", "bad", "not measured"]
 VERDICTS: tuple[Verdict, ...] = ("good", "not measured", "suspect", "bad")
 """From best to worst."""
+SURE = 2.0
+"""Sigmas from which something is mended."""
 REFERENCE_M = 30.0
 """The depth at which a bend's effect is told."""
 
@@ -109,6 +111,7 @@ class Pair:
     changes: knocks within the drive; the values are then those after the last one.
     by_lidar_px: the disparity offset that the LiDAR shows, by itself.
     effects: of the bend, None where none is known. yaw_reason: why there is no yaw.
+    yaw_mends: whether the yaw is beyond what a scale of depth that nobody measured could undo: only then it is mended.
     """
 
     verdict: Verdict = "not measured"
@@ -132,23 +135,31 @@ class Pair:
     by_lidar_px: Measured | None = None
     effects: BendEffects | None = None
     yaw_reason: str | None = None
+    yaw_mends: bool = True
 
     @property
     def correction(self) -> PairCorrection | None:
         """What mends the pair, None where it could not be measured.
 
-        The scale belongs to it where a LiDAR gave it: a path that the drive is judged by may not mend it first.
+        The scale belongs to it where a LiDAR gave it, for certain: a path that the drive is judged by may not mend it
+        first. Rows that are good are left alone where there is nothing else to mend, since every mending costs
+        sharpness.
         """
         if self.verdict == "not measured" or (
             self.relative_yaw_rad is None and self.relative_roll_rad is None
         ):
             return None
-        scale = self.depth_scale
+        yaw, scale = _value(self.relative_yaw_rad) if self.yaw_mends else 0.0, 1.0
+        by_lidar = self.depth_scale
+        if by_lidar is not None and by_lidar.source == "lidar":
+            scale = by_lidar.value if abs(by_lidar.value - 1.0) > SURE * by_lidar.sigma else 1.0
+        if self.rows_verdict == "good" and yaw == 0.0 and scale == 1.0:
+            return PairCorrection()
         return PairCorrection(
             pitch_rad=_value(self.relative_pitch_rad),
             roll_rad=_value(self.relative_roll_rad),
-            yaw_rad=_value(self.relative_yaw_rad),
-            depth_scale=scale.value if scale is not None and scale.source == "lidar" else 1.0,
+            yaw_rad=yaw,
+            depth_scale=scale,
         )
 
 

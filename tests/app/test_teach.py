@@ -10,14 +10,24 @@ import numpy as np
 import pytest
 from conftest import start_page, stop_page, until
 from stereocalib_app.drive.lesson_marks import plane_of, sigma_points
+from stereocalib_app.drive.panels.bend import bent
 from stereocalib_app.drive.settings import Corrections, Settings
 from stereocalib_app.server.hub import Hub
-from stereocalib_app.words.lessons import LESSONS, TURN_RAD, Lesson, broken_corrections, turned
+from stereocalib_app.words.lessons import (
+    LESSONS,
+    TURN_DEG,
+    TURNED,
+    Lesson,
+    broken_corrections,
+    turned,
+    turned_stage,
+)
 
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import StereoCamera
 
 FRAME = 9
+TURN_RAD = float(np.deg2rad(TURN_DEG))
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +61,30 @@ def test_a_step_draws_what_it_explains(hub: Hub, title: str) -> None:
     taught = picture(hub, Settings(preset="Teach", teach_step=step))
     plain = picture(hub, Settings())
     assert (np.abs(taught - plain).max(axis=2) > 40).mean() > 0.0015
+
+
+def test_a_pair_bent_by_the_slider_tilts_the_road_stretches_the_path_and_is_found(hub: Hub) -> None:
+    page, teach = hub.shared, hub.shared.parts["Teach"]
+    session, snapshot = page.session, page.session.snapshot
+    straight, now = (bent(session, snapshot, turn) for turn in (0.0, 0.1))
+    camera = session.camera
+    # h / b of pitch per yaw, and every depth short
+    expected = -np.deg2rad(0.1) * 1.65 / camera.baseline_m
+    assert now.pitch_rad - straight.pitch_rad == pytest.approx(expected, rel=0.1)
+    assert now.path_m > 1.01 * straight.path_m
+    assert straight.yaw is not None and now.yaw is not None
+    assert np.rad2deg(now.yaw.value - straight.yaw.value) == pytest.approx(0.1, abs=0.003)
+    step = next(i for i, lesson in enumerate(LESSONS) if lesson.breakage.stages in TURNED)
+    teach.go(step)
+    until(lambda: teach._bend._folder.visible)
+    teach._bend.bend(0.1)
+    assert page.settings.broken_stage == turned_stage(0.1)
+    assert "motion finds" in teach._bend._table.content and "<polyline" in teach._bend._map.content
+    until(lambda: teach._bend._slider.value == pytest.approx(0.1))
+    teach.mend()
+    assert page.settings.broken_stage == "" and "Move the slider" in teach._bend._table.content
+    teach.go(0)
+    until(lambda: not teach._bend._folder.visible)
 
 
 def test_what_the_user_had_set_comes_back(hub: Hub) -> None:
@@ -100,7 +134,7 @@ def test_the_disparity_plane_of_a_state() -> None:
 def test_a_turned_right_camera_shifts_every_disparity_by_nearly_the_same() -> None:
     camera = StereoCamera(640, 320, 500.0, 320.0, 140.0, 0.5)
     ramp = np.tile(np.linspace(0, 250, 640), (320, 1)).astype(np.uint8)
-    moved = turned(StereoFrame(0, 0.0, ramp, ramp), camera).right
+    moved = turned(StereoFrame(0, 0.0, ramp, ramp), camera, TURN_RAD).right
     assert moved is not None
     shift = (moved[140, 300:340].astype(float) - ramp[140, 300:340]).mean() / (250 / 639)
     assert shift == pytest.approx(500.0 * TURN_RAD, abs=0.5)

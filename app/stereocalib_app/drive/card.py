@@ -135,8 +135,10 @@ def lidar_rows(drive: Drive) -> list[CardRow]:
             ("pitch", check.pitch_rad, degrees, "°"),
             ("roll", check.roll_rad, degrees, "°"),
         )
+        if r is not None
     ]
-    rows = [CardRow("LiDAR − stereo", ", ".join(parts) + f" ({check.frames} frames, ± scatter)")]
+    by_road = ", ".join(parts) + f" ({check.frames} frames, ± scatter)" if parts else "no frame shows both"
+    rows = [CardRow("LiDAR − stereo", by_road)]
     shifts = "; ".join(shift_words(shift) for shift in check.shifts)
     return [*rows, CardRow("LiDAR shifts", shifts or "none", bad=bool(shifts))]
 

@@ -120,7 +120,8 @@ class Session:
         if broken_stage not in self._views:
             front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage), self._matcher)
             camera, stages = self.source.camera, front_end.stages
-            make = (lambda frame: stages(turned(frame, camera))) if broken_stage == TURNED else stages
+            turn = TURNED.get(broken_stage)
+            make = stages if turn is None else (lambda frame: stages(turned(frame, camera, turn)))
             self._views[broken_stage] = FrameViews(self.source, make)
         return self._views[broken_stage]
 

@@ -14,6 +14,7 @@ from stereocalib_app.drive.settings import Corrections
 from stereocalib_core.config import DisparityConfig, FreeMapConfig, PipelineConfig, ProfileConfig
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import Measured
 
 
 @dataclass(frozen=True)
@@ -51,27 +52,51 @@ _FIT: Final = (
 """How wide an equation is depends on the fonts of the machine: only the browser can measure it. A style element
 tells when it is in the page, also where scripts among inserted HTML are not run."""
 
-TURNED: Final = "turned right camera"
-TURN_RAD: Final = float(np.deg2rad(0.1))
+BENDS_DEG: Final = tuple(step / 50 for step in range(-15, 16))
+"""What the right camera can be turned by, a finger's width of the slider apart."""
+TURN_DEG: Final = 0.1
+
+
+def turned_stage(bend_deg: float) -> str:
+    """The stages of a pair whose right camera is turned by one of `BENDS_DEG`; empty for none."""
+    return f"right camera turned by {bend_deg:+.2f} deg" if bend_deg else ""
+
+
+TURNED: Final = {turned_stage(bend): float(np.deg2rad(bend)) for bend in BENDS_DEG if bend}
+"""The angle [rad] of each."""
 
 BROKEN_STAGES: Final[dict[str, Mapping[str, Any]]] = {
-    TURNED: {},
+    **{stage: {} for stage in TURNED},
     "short search": {"disparity": DisparityConfig(max_disparity_px=32)},
     "no obstacles": {"free_map": FreeMapConfig(road_margin=1000.0)},
     "wide corridor": {"profile": ProfileConfig(corridor_half_width_m=20.0)},
 }
 
 
-def turned(frame: StereoFrame, camera: StereoCamera) -> StereoFrame:
-    """The pair as if its right camera had turned by TURN_RAD about its own vertical, for display only."""
+def turned(frame: StereoFrame, camera: StereoCamera, turn_rad: float) -> StereoFrame:
+    """The pair as if its right camera had turned by so much about its own vertical, for display only."""
     if frame.right is None:
         return frame
     rows, columns = frame.right.shape
     u, v = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
-    x, y = (u - camera.cx_px) / camera.focal_px, (v - camera.cy_px) / camera.focal_px
-    shift = np.float32(camera.focal_px * TURN_RAD)
+    cx = camera.cx_px if camera.cx_right_px is None else camera.cx_right_px
+    x, y = (u - np.float32(cx)) / camera.focal_px, (v - camera.cy_px) / camera.focal_px
+    shift = np.float32(camera.focal_px * turn_rad)
     moved = cv2.remap(frame.right, u + shift * (1 + x * x), v + shift * x * y, cv2.INTER_LINEAR)
     return replace(frame, right=np.asarray(moved, dtype=np.uint8))
+
+
+def bend_words(bend_deg: float, found: Measured | None, recorded: Measured | None) -> str:
+    """One sentence: does the measurement find what the slider did?"""
+    if found is None or recorded is None:
+        return "The motion of so few frames does not show the pair's yaw."
+    change, sigma = np.rad2deg([found.value - recorded.value, np.hypot(found.sigma, recorded.sigma)])
+    if not bend_deg:
+        return "Move the slider: rows stay as they are, the road tilts, the path stretches."
+    return (
+        f"The slider turned the right camera by {bend_deg:+.2f}°, motion finds {change:+.4f} ± {sigma:.4f}° of change, "
+        "and no row has moved."
+    )
 
 
 def broken_config(config: PipelineConfig, stages: str) -> PipelineConfig:
@@ -173,11 +198,11 @@ LESSONS: Final[tuple[Lesson, ...]] = (
         (r"\Delta' = \Delta + \alpha\, (1 + x^2)\, \psi", r"\theta' \approx \theta + \frac{h}{b}\, \psi"),
         "If one camera has turned against the other by ψ, no row shows it: every disparity is off by nearly the same. "
         "The road then seems tilted: a tenth of a degree is a third of a degree of pitch here. Motion shows it, "
-        "because near and far points want different ways.",
+        "because near and far points want different ways. The slider below bends the pair of this very drive.",
         Breakage(
             "Turn the right camera by 0.1°",
             "the yellow horizon moves although all rows still match",
-            stages=TURNED,
+            stages=turned_stage(TURN_DEG),
         ),
     ),
     Lesson(

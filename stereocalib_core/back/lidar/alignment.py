@@ -21,12 +21,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stereocalib_core.back.lidar.edge_kernels import SWEEP, UNKNOWNS, match_edges, match_surfaces
+from stereocalib_core.back.lidar.edge_kernels import OFFSET, SWEEP, UNKNOWNS, match_edges, match_surfaces
 from stereocalib_core.back.lidar.residual_transform import IS_ANGLE, YAW, moved, shown_by_road
 from stereocalib_core.config import LidarAlignmentConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.results import FrameResult
+from stereocalib_core.results import FrameResult, Measured
 
 SWEEPS = (-1.0, 0.0, 1.0)
 """What a LiDAR does while the car moves: turn clockwise, stand for one moment, turn counter-clockwise."""
@@ -154,6 +154,13 @@ class Belief:
         six = np.where(IS_ANGLE, np.deg2rad(config.prior_angle_deg), config.prior_length_m)
         others = [config.prior_edge_px, sweep_sigma, config.prior_offset_px, config.prior_scale]
         return cls(mean, np.concatenate([six, others]))
+
+    def with_offset(self, offset_px: Measured, config: LidarAlignmentConfig) -> Belief:
+        """The same with the disparity offset that the motion of the car shows, to be added to measured disparities."""
+        mean, sigma = self.mean.copy(), self.sigma.copy()
+        mean[OFFSET] = -offset_px.value
+        sigma[OFFSET] = np.hypot(offset_px.sigma, config.matcher_bias_px)
+        return Belief(mean, sigma)
 
 
 @dataclass
@@ -287,21 +294,28 @@ def _spread(sums: _Sums, config: LidarAlignmentConfig) -> tuple[Array, int]:
 
 
 def sweep_belief(scans: Sequence[Scan], camera: StereoCamera, config: LidarAlignmentConfig) -> Belief:
-    """How the LiDAR turns while the car moves: as the recording says, else as the scans themselves fit best.
+    """How the LiDAR turns while the car moves: as the recording says and as the scans themselves fit best.
 
-    Each of `SWEEPS` is tried on scans from all over the drive and weighs as much as its likelihood, in which the edges
-    of one thing count as one: a car that stands tells nothing, and the sweep stays open.
+    A scan of one moment is taken at its word. Otherwise each of `SWEEPS` is tried on scans from all over the drive and
+    weighs as much as its likelihood, in which the edges of one thing count as one, times what was thought of it before:
+    `stated_sweep` of the sense that the recording states, the same of all where it states none. A car that stands
+    tells nothing of it.
     """
     known = np.array([scan.sweep for scan in scans])
-    if np.isfinite(known).all():
-        return Belief.of(config, float(np.median(known)), config.known_sweep_sigma)
+    stated = float(np.median(known)) if np.isfinite(known).all() else np.nan
+    if stated == 0.0:
+        return Belief.of(config, stated, config.known_sweep_sigma)
+    before = np.full(len(SWEEPS), 1.0)
+    if stated in SWEEPS:
+        others = (1.0 - config.stated_sweep) / (len(SWEEPS) - 1.0)
+        before = np.where(np.array(SWEEPS) == stated, config.stated_sweep, others)
     few = list(scans[:: max(len(scans) // config.sweep_scans, 1)])
     tried = [
         align(few, camera, config, Belief.of(config, sweep, config.known_sweep_sigma)) for sweep in SWEEPS
     ]
     once = sum(t.things for t in tried) / max(sum(t.matched for t in tried), 1.0)
     gains = np.array([t.gain.sum() for t in tried]) * once
-    weights = np.exp(gains - gains.max())
+    weights = before * np.exp(gains - gains.max())
     weights /= weights.sum()
     mean = float(weights @ SWEEPS)
     spread = float(np.sqrt(weights @ (np.array(SWEEPS) - mean) ** 2))

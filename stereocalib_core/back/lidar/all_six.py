@@ -22,25 +22,46 @@ from stereocalib_core.config import LidarAlignmentConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
-from stereocalib_core.results import FrameResult, LidarCheck, LidarPose, LidarShift, LidarStretches, Residual
+from stereocalib_core.results import (
+    FrameResult,
+    LidarCheck,
+    LidarPose,
+    LidarShift,
+    LidarStretches,
+    Measured,
+    Residual,
+)
 
 OWN: dict[int, Literal["yaw", "x", "z"]] = {YAW: "yaw", X: "x", Z: "z"}
 """The axes that only edges and surfaces show."""
+NO_ROAD = (
+    "no frame shows scan and stereo road together: height, pitch and roll are by edges and surfaces alone"
+)
 SOME_UNSEEN = "a road fixes roll, pitch and height of the LiDAR; its depth edges do not show its {}"
 
 
 def with_all_six(
-    check: LidarCheck,
+    by_road: LidarCheck | None,
     results: Sequence[FrameResult],
     camera: StereoCamera,
     poses: Array,
     config: LidarAlignmentConfig,
-) -> LidarCheck:
-    """The road's check with yaw, x and z. poses: (N, 4, 4) T_world_camera of all frames."""
+    offset_px: Measured | None = None,
+) -> LidarCheck | None:
+    """The road's check with yaw, x and z; None where there is neither a road nor a scan.
+
+    poses: (N, 4, 4) T_world_camera of all frames. offset_px: to be added to measured disparities, as the motion of the
+    car shows it.
+    """
     scans = scans_of(results, camera, poses, config)
+    if by_road is None and not scans:
+        return None
+    check = by_road or LidarCheck(None, None, None, (), 0, NO_ROAD)
     if len(scans) < config.least_scans:
         return replace(check, why=f"{len(scans)} scans, needs {config.least_scans}")
     belief = sweep_belief(scans, camera, config)
+    if offset_px is not None:
+        belief = belief.with_offset(offset_px, config)
     follower = Follower(scans, camera, config, belief)
     whole = follower.whole(0, len(scans))
     clear = distinct(scans, camera, config, belief, whole)
@@ -54,10 +75,11 @@ def with_all_six(
     measured = _measured(end, config)
     residuals = _residuals(follower, parts, measured)
     unmeasured = [axis for axis in OWN if not measured[axis]]
-    names = " and ".join(AXES[axis] for axis in unmeasured)
+    unseen = [] if by_road is not None else [NO_ROAD]
     why = None
     if unmeasured:
         worst = ", ".join(f"{AXES[axis]} +-{_told(end.sigma[axis], axis)}" for axis in unmeasured)
+        unseen.append(SOME_UNSEEN.format(" and ".join(AXES[axis] for axis in unmeasured)))
         why = f"{end.matched:.0f} edges of {end.things} things leave {worst}"
     shifts = [_shift(scans, poses, results, slip, config) for slip in slips if slip.axis in OWN]
     start = follower.whole(0, min((slip.at for slip in slips), default=len(scans)))
@@ -65,7 +87,7 @@ def with_all_six(
     return replace(
         check,
         shifts=tuple(sorted((*check.shifts, *shifts), key=lambda s: (s.frame, AXES.index(s.axis)))),
-        unseen=SOME_UNSEEN.format(names) if unmeasured else "",
+        unseen="; ".join(unseen),
         yaw_rad=residuals.get(YAW),
         x_m=residuals.get(X),
         z_m=residuals.get(Z),

@@ -38,7 +38,7 @@ from stereocalib_core.results import (
     Pair,
     PairChange,
 )
-from stereocalib_core.results.pair import Verdict, worst
+from stereocalib_core.results.pair import SURE, Verdict, worst
 
 ZERO = Measured(0.0, 0.0)
 
@@ -83,7 +83,7 @@ def calibrate_pair(
         changes=changes,
     )
     effects = bend_effects(camera, found, height_m, yaw.solution, tracks.stereo_motion)
-    found = dataclasses.replace(found, effects=effects)
+    found = dataclasses.replace(found, effects=effects, yaw_mends=yaw_mends(camera, found, config))
     return dataclasses.replace(found, verdict=_verdict(found, config), why=_why(found, config))
 
 
@@ -234,6 +234,23 @@ def bend_effects(
     return BendEffects(float(1.0 / left - 1.0) if left > 0 else float("inf"), tilt, 1.0 / k - 1.0, path)
 
 
+def yaw_mends(camera: StereoCamera, pair: Pair, config: PipelineConfig) -> bool:
+    """Whether mending the yaw is sure to make depths better.
+
+    A yaw takes b / Z yaw from every depth's share, a scale the same share of all: at one distance they undo each other,
+    and a calibration by targets leaves them so. Where a LiDAR gives the scale, both are mended, and the yaw needs to
+    be sure by itself. Where nothing metric does, mending the yaw alone takes away half of a pair that belongs together,
+    unless it is larger than any scale explains.
+    """
+    yaw, limits = pair.relative_yaw_rad, config.pair
+    if yaw is None:
+        return False
+    hidden = limits.unknown_scale * camera.baseline_m / limits.scale_range_m
+    if pair.depth_scale is not None and pair.depth_scale.source == "lidar":
+        hidden = 0.0
+    return abs(yaw.value) > SURE * float(np.hypot(yaw.sigma, hidden))
+
+
 def _verdict(pair: Pair, config: PipelineConfig) -> Verdict:
     """The worst of rows and yaw; never good while the yaw is not known well enough to say so."""
     return worst(pair.rows_verdict, _yaw_verdict(pair.relative_yaw_rad, config))
@@ -248,7 +265,8 @@ def _yaw_verdict(yaw: Measured | None, config: PipelineConfig) -> Verdict:
         return "not measured"
     if size >= limits.bad_yaw_deg:
         return "bad"
-    if size >= limits.suspect_yaw_deg:
+    # at the limit sigma decides, up to a tenth: a pair bent by just so much is not good for half of the drives
+    if size + min(SURE * sigma, 0.1 * limits.suspect_yaw_deg) >= limits.suspect_yaw_deg:
         return "suspect"
     return "good" if sigma <= 0.5 * limits.suspect_yaw_deg else "not measured"
 
@@ -285,6 +303,9 @@ def _why_yaw(pair: Pair, config: PipelineConfig) -> str:
         return f"{text}: too unsure to call it good"
     if verdict == "good" or pair.effects is None:
         return text
+    if not pair.yaw_mends:
+        share = 100.0 * config.pair.unknown_scale
+        text += f" (told, not mended: a scale of depth of {share:g} %, which only a LiDAR would show, may undo it)"
     return f"{text}: {effects_in_words(pair.effects)}"
 
 

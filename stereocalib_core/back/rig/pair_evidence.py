@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stereocalib_core.back.rig.relative_yaw import StereoTracks, YawSolution
 from stereocalib_core.back.rig.relative_yaw_kernels import MOTION, TURN, pair_equations
 from stereocalib_core.config import PairConfig
-from stereocalib_core.geometry import DisparityPlane, StereoCamera
+from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.results import FrameResult, Pair, PairCorrection, Tracks
@@ -111,18 +111,26 @@ def results_mended(
 
 
 def _mended(camera: StereoCamera, result: FrameResult, c: PairCorrection) -> FrameResult:
-    road, tracks = result.road, result.tracks
+    road, tracks, lidar = result.road, result.tracks, result.lidar
     if road is not None:
         plane = road.extrinsics.disparity_plane(camera)
         lifted = DisparityPlane(plane.a - c.roll_rad, plane.b, plane.c_px + camera.focal_px * c.yaw_rad)
         extrinsics = lifted.extrinsics(camera, road.extrinsics.yaw_rad)
+        if lidar is not None:
+            moved = _three(extrinsics) - _three(road.extrinsics)
+            lidar = dataclasses.replace(lidar, values=lidar.values - moved)
         road = dataclasses.replace(road, extrinsics=extrinsics)
     if tracks is not None and len(tracks):
         points = tracks.points.astype(np.float64)
         for first in (0, 3):
             points[:, first + 2] += _missing(camera, points[:, first : first + 3], c)
         tracks = Tracks(points.astype(np.float32), tracks.on_road, tracks.previous)
-    return dataclasses.replace(result, road=road, tracks=tracks)
+    return dataclasses.replace(result, road=road, tracks=tracks, lidar=lidar)
+
+
+def _three(e: Extrinsics) -> Array:
+    """(3,) height [m], pitch, roll [rad]."""
+    return np.array([e.height_m, e.pitch_rad, e.roll_rad])
 
 
 def _missing(camera: StereoCamera, seen: Array, c: PairCorrection) -> Array:

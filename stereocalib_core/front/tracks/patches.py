@@ -307,6 +307,9 @@ def match_rows(
     values = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1))
     gradients = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1))
     for k in range(len(points)):
+        # NaN or infinity is no place in a picture
+        if not np.isfinite(points[k, 0] + points[k, 1] + guess[k] + slopes[k, 0] + slopes[k, 1]):
+            continue
         u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1]))
         if u < HALF_U + 2 or v < HALF_V or u + HALF_U + 2 >= width or v + HALF_V >= height:
             continue

@@ -17,7 +17,7 @@ from stereocalib_core.back.lidar.residual_transform import YAW, X, Z, moved, sho
 from stereocalib_core.back.lidar.road_check import check
 from stereocalib_core.config import LidarAlignmentConfig, RoadCheckConfig
 from stereocalib_core.geometry import Extrinsics, invert_transform, rotation_y
-from stereocalib_core.results import FrameResult, LidarCheck
+from stereocalib_core.results import FrameResult, LidarCheck, Measured
 
 CONFIG = LidarAlignmentConfig()
 DEGREE = float(np.rad2deg(1.0))
@@ -158,6 +158,42 @@ def test_an_open_road_is_refused_and_says_why() -> None:
     assert refused.yaw_rad is None and "too little structure" in refused.why
     few = found(*drive(6))
     assert few.yaw_rad is None and few.why == "6 scans, needs 10"
+
+
+def test_edges_say_what_they_can_where_no_frame_shows_a_road() -> None:
+    six = np.zeros(6)
+    six[[YAW, X]] = np.deg2rad(0.4), 0.1
+    results, poses = drive(40, {0: six})
+    without = [dataclasses.replace(result, road=None, lidar=None) for result in results]
+    assert check(without, RoadCheckConfig()) is None
+    alone = with_all_six(None, without, CAMERA, poses, CONFIG)
+    assert alone is not None and alone.height_m is None and alone.roll_rad is None and alone.frames == 0
+    assert abs(alone.yaw_rad.median - six[YAW]) < np.deg2rad(0.05)
+    assert alone.x_m.median == pytest.approx(0.1, abs=0.03)
+    assert "by edges and surfaces alone" in alone.unseen
+    bare = [dataclasses.replace(result, scan=None) for result in without]
+    assert with_all_six(None, bare, CAMERA, poses, CONFIG) is None
+
+
+def test_an_offset_that_the_cars_motion_shows_is_believed() -> None:
+    told = Belief.of(CONFIG).with_offset(Measured(0.3, 0.02), CONFIG)
+    assert told.mean[8] == -0.3 and told.sigma[8] == pytest.approx(np.hypot(0.02, CONFIG.matcher_bias_px))
+    results, poses = drive(20)
+    shifted = [
+        dataclasses.replace(r, scan=dataclasses.replace(r.scan, packed_patches=_less(r.scan.packed_patches)))
+        for r in results
+    ]
+    scans = scans_of(shifted, CAMERA, poses, CONFIG)
+    for scan in scans:
+        assert len(scan.patches)
+    free, knowing = (align(scans, CAMERA, CONFIG, belief) for belief in (Belief.of(CONFIG), told))
+    assert knowing.nuisance_sigma[2] < free.nuisance_sigma[2] and knowing.sigma[Z] <= free.sigma[Z]
+    assert abs(knowing.nuisance[2] + 0.3) < 0.15
+
+
+def _less(packed: np.ndarray) -> np.ndarray:
+    """Patches (P, 5) whose disparity is 0.25 px too small."""
+    return packed - np.array([0, 0, 16, 0, 0], np.int16)
 
 
 def test_the_same_drive_gives_the_same_bits() -> None:

@@ -10,7 +10,15 @@ from stereocalib_core.back.rig.pair_evidence import near_and_far, results_mended
 from stereocalib_core.back.rig.relative_yaw import solve_yaw, stereo_tracks
 from stereocalib_core.config import PairConfig
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import FrameResult, Measured, Pair, PairCorrection, RoadEstimate, Tracks
+from stereocalib_core.results import (
+    FrameResult,
+    Measured,
+    Pair,
+    PairCorrection,
+    RoadEstimate,
+    RoadResidual,
+    Tracks,
+)
 
 
 def test_near_and_far_points_agree_at_the_true_offset_alone() -> None:
@@ -49,7 +57,18 @@ def test_mended_results_are_those_of_the_straight_pair() -> None:
         part = points[bent.tracks.start[i] : bent.tracks.start[i + 1]]
         tracks = Tracks(part, np.zeros(len(part), bool), i - 1) if len(part) else None
         road = RoadEstimate(read, np.eye(3), 100, 0.5, (4.0, 20.0))
-        results.append(FrameResult(i, 0.1 * i, road, tracks=tracks))
+        lidar = RoadResidual(
+            np.array(
+                [
+                    true.height_m - read.height_m,
+                    true.pitch_rad - read.pitch_rad,
+                    true.roll_rad - read.roll_rad,
+                ]
+            ),
+            np.eye(3),
+            100,
+        )
+        results.append(FrameResult(i, 0.1 * i, road, tracks=tracks, lidar=lidar))
     fixed = results_mended(CAMERA, results, PairCorrection(yaw_rad=yaw))
     solution = solve_yaw(stereo_tracks(CAMERA, fixed), bent.motions, bent.active, (0.0, 0.0), PairConfig())
     assert solution is not None
@@ -58,3 +77,5 @@ def test_mended_results_are_those_of_the_straight_pair() -> None:
     assert road is not None
     assert road.extrinsics.pitch_rad == pytest.approx(true.pitch_rad, abs=1e-9)
     assert road.extrinsics.height_m == pytest.approx(1.65, abs=1e-9)
+    # a LiDAR sees the road where it is
+    assert fixed[3].lidar is not None and np.abs(fixed[3].lidar.values).max() < 1e-9

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
+
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
+from stereocalib_app.drive.panels.bend import BendLesson
 from stereocalib_app.drive.settings import Corrections
 from stereocalib_app.widgets import text
 from stereocalib_app.words import lessons
@@ -31,6 +34,7 @@ class TeachPanel:
         self._effect = gui.add_markdown("")
         self._kept: Corrections | None = None
         """What the user had set before something was broken; it comes back."""
+        self._bend = BendLesson(host, self._bend_by)
         with gui.add_folder("Quiz", expand_by_default=False):
             gui.add_markdown(
                 "The page breaks one step without saying which. Look at pictures, plots and path: which?"
@@ -62,7 +66,10 @@ class TeachPanel:
 
     def break_it(self) -> None:
         """Break what this step is about."""
-        self._break_step(self._host.settings.teach_step)
+        step = self._host.settings.teach_step
+        self._break_step(step)
+        if LESSONS[step].breakage.stages in lessons.TURNED:
+            self._bend.measure(lessons.TURN_DEG)
 
     def _break_step(self, step: int) -> None:
         breakage = LESSONS[step].breakage
@@ -70,9 +77,19 @@ class TeachPanel:
             self._kept = self._host.settings.corrections
         self._host.change(corrections=lessons.broken_corrections(breakage), broken_stage=breakage.stages)
 
+    def _bend_by(self, bend_deg: float) -> None:
+        """The pictures of a pair that is bent by so much."""
+        if bend_deg and self._kept is None:
+            self._kept = self._host.settings.corrections
+        corrections = self._host.settings.corrections if bend_deg else self._restored()
+        self._host.change(broken_stage=lessons.turned_stage(bend_deg), corrections=corrections)
+
     def mend(self) -> None:
         """Mend it again, and give back what the user had set."""
+        was_bent = self._host.settings.broken_stage in lessons.TURNED
         self._host.change(corrections=self._restored(), broken_stage="")
+        if was_bent:
+            self._bend.measure(0.0)
 
     def quiz(self, step: int) -> None:
         """Break one step without saying which."""
@@ -98,10 +115,13 @@ class TeachPanel:
 
     def update(self, moment: Moment) -> None:
         """Show the step."""
-        if not moment.settings_changed:
-            return
         settings = moment.settings
         lesson = LESSONS[settings.teach_step]
+        turned_by = lessons.TURNED.get(settings.broken_stage, 0.0) if self._secret is None else 0.0
+        is_bend = lesson.breakage.stages in lessons.TURNED
+        self._bend.update(moment, is_bend, round(float(np.rad2deg(turned_by)), 2))
+        if not moment.settings_changed:
+            return
         self._step.value = self._titles[settings.teach_step]
         self._words.content = (
             f"**Step {settings.teach_step + 1} of {len(LESSONS)}: {lesson.title}**\n\n{lesson.words}"
