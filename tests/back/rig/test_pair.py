@@ -99,7 +99,7 @@ def test_sigma_of_a_frame_is_its_scatter() -> None:
     for _ in range(150):
         u, v = np.repeat(rng.uniform([0, 100], [CAMERA.width, CAMERA.height], (75, 2)), 4, axis=0).T
         dv = np.repeat(rng.normal(0, 0.1, 75), 4)
-        found = fit_rows(CAMERA, np.stack([u + 20, v, u, v + dv], axis=1))
+        found = fit_rows(CAMERA, np.stack([u + 20, v, u, v + dv], axis=1), RectificationConfig())
         assert found is not None
         z.append(found.values / np.sqrt(np.diag(found.covariance)))
     rms = np.sqrt(np.mean(np.square(z), axis=0))
