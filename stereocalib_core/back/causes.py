@@ -131,6 +131,17 @@ def find_causes(results: Sequence[FrameResult], config: CausesConfig | None = No
     return tuple(_cause(span, results, changes(span, results, values, ok, config), config) for span in spans)
 
 
+def changes_at(
+    results: Sequence[FrameResult], frame: int, config: CausesConfig | None = None
+) -> list[Change]:
+    """What moved for the worse in the stretch of failed frames that `frame` lies in; empty where it has not failed."""
+    span = next((s for s in failed_spans(results) if s.first <= frame <= s.last), None)
+    if span is None:
+        return []
+    ok: Mask = np.array([r.ok for r in results], dtype=bool)
+    return changes(span, results, _values(results), ok, config or CausesConfig())
+
+
 def changes(
     span: Span, results: Sequence[FrameResult], values: Array, ok: Mask, config: CausesConfig
 ) -> list[Change]:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from stereocalib_app.drive.card import truth_words
-from stereocalib_app.drive.changes import changed
 from stereocalib_app.drive.exports import file_name
-from stereocalib_app.drive.panels.debug import verdict
+from stereocalib_app.drive.panels.debug import changes_words, verdict
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.drive.settings import Corrections, Settings
 from stereocalib_app.server.hub import MAIN_WIDTH_PX, timeline_width, views_width
@@ -28,7 +27,7 @@ from stereocalib_core.results import Cause, Check, Drive, FrameResult, RoadEstim
 def frame(number: int, grey: float, ok: bool = True) -> FrameResult:
     checks = (
         Check("image", "mean grey", grey, low=10.0),
-        Check("image", "texture", 2.0, low=0.8, unit="grey/px"),
+        Check("image", "texture", 2.0 if ok else 1.0, low=0.8, unit="grey/px"),
         Check("lane", "free share", 0.9 if ok else 0.3, low=0.1),
     )
     if not ok:
@@ -47,14 +46,22 @@ def moment_at(number: int, results: tuple[FrameResult, ...], causes: tuple[Cause
     return SimpleNamespace(frame=number, result=results[number], snapshot=snapshot)
 
 
-RESULTS = (frame(0, 92.0), frame(1, 90.0), frame(2, 4.0, ok=False), frame(3, 4.0, ok=False), frame(4, 91.0))
+RESULTS = (
+    frame(0, 92.0),
+    frame(1, 90.0),
+    frame(2, 4.0, ok=False),
+    frame(3, 4.0, ok=False),
+    *(frame(n, 91.0) for n in range(4, 16)),
+)
 
 
 def test_what_changed_is_ranked_with_both_numbers() -> None:
-    found = changed(RESULTS[1], RESULTS[2])
-    assert [change.name for change in found] == ["mean grey", "free share"]
-    assert found[0].words == "mean grey: 90 before, 4 now, outside its limit"
-    assert changed(RESULTS[0], RESULTS[1]) == []
+    """By the same ranking as the drive's causes: nearest to the light first, what has not moved not at all."""
+    words = changes_words(moment_at(2, RESULTS, ()))
+    lines = [line for line in words.splitlines() if line.startswith("- ")]
+    assert [line[:20] for line in lines] == ["- grey 4 instead of ", "- texture 1\\.0 inste"]
+    assert "grey 4 instead of 91" in lines[0]
+    assert changes_words(moment_at(1, RESULTS, ())) == ""
 
 
 def test_a_failed_frame_names_the_drives_causes_first() -> None:
@@ -62,14 +69,12 @@ def test_a_failed_frame_names_the_drives_causes_first() -> None:
     lens = Cause(2, 3, "DARK", "the lens is covered", "look at it")
     words = verdict(moment_at(2, RESULTS, (night, lens, Cause(0, 1, "DARK", "not this", "no"))))
     assert "failed: DARK" in words
-    assert (
-        words.index("night") < words.index("the lens is covered") < words.index("mean grey: 90 before, 4 now")
-    )
+    assert words.index("night") < words.index("the lens is covered") < words.index("grey 4 instead of 91")
     assert "<b>" not in words.replace("<b style", "")
     assert "not this" not in words
     plain = verdict(moment_at(2, RESULTS, ()))
     assert "Likely cause" in plain
-    assert "last that was ok" in plain
+    assert "against the good frames" in plain
 
 
 def test_a_doubtful_frame_is_not_called_within_its_limits() -> None:

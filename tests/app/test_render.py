@@ -89,7 +89,7 @@ def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadSt
 
 
 def test_the_sheet_holds_every_stage_where_it_says(seen: tuple[StereoFrame, RoadStages]) -> None:
-    sheet, places = contact_sheet(list(STAGES), Seen(*seen, CAMERA, TRUTH), {})
+    sheet, places = contact_sheet(list(STAGES), Seen(*seen, CAMERA, TRUTH))
     assert [place.name for place in places] == list(STAGES)
     for place in places:
         assert place.x + place.width <= sheet.shape[1]

@@ -19,6 +19,7 @@ from stereocalib_app.server.security import (
     request_allowed,
     stop_server,
 )
+from stereocalib_app.server.site import WEB
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from stereocalib_core.errors import ConfigError
@@ -112,7 +113,7 @@ def test_a_host_that_is_not_this_machine_is_bad_usage(host: str) -> None:
         create_server(host, 0)
 
 
-OWN = ("own.js", "link.js", "timeline.js", "picture.js", "address.js", "keys.js", "own.css", "icon.svg")
+OWN = sorted(path.name for path in WEB.iterdir())
 
 
 @pytest.mark.parametrize("name", OWN)
@@ -122,6 +123,19 @@ def test_our_own_files_are_served_to_our_own_pages_alone(server: LocalServer, na
         assert answer.status == 200
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
         assert len(answer.read()) > 100
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(urllib.request.Request(address, headers={"Host": "evil.example"}), timeout=5)
+    assert refused.value.code == 403
+
+
+def test_a_thumbnail_is_for_our_own_pages_alone(fresh: Hub) -> None:
+    address = f"http://127.0.0.1:{fresh.server.get_port()}/own/thumb?path=kitti_odometry/sequences/06"
+    with urllib.request.urlopen(address, timeout=20) as answer:
+        assert answer.read()[:2] == b"\xff\xd8"
+    for outside in ("..", "/etc", "kitti_odometry/../../..", "no%00such"):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(address.partition("path=")[0] + "path=" + outside, timeout=20)
+        assert refused.value.code == 404
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(urllib.request.Request(address, headers={"Host": "evil.example"}), timeout=5)
     assert refused.value.code == 403

@@ -14,13 +14,14 @@ import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
-from conftest import start_page, stop_page, until
+from conftest import shown_frame, start_page, stop_page, tab, text_entry, until
 from stereocalib_app.benches.raw_client import RawClient
 from stereocalib_app.drive.earlier_run import open_run
-from stereocalib_app.server import library
+from stereocalib_app.server import inputs, library
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.server.inputs import UPLOAD_BYTES
 from stereocalib_app.server.library import Library, unpack
@@ -87,6 +88,91 @@ def test_two_who_open_at_once_get_one_page(hub: Hub) -> None:
     until(lambda: not last.playback._thread.is_alive(), what="one page, one clock")
 
 
+def upload_button(client: RawClient) -> str:
+    """The name of the page's button for uploads."""
+    found: list[str] = []
+
+    def heard() -> bool:
+        found.extend(
+            m.fields["uuid"]
+            for m in client.receive(1.0)
+            if (m.fields.get("props") or {}).get("label") == "Upload a zip"
+        )
+        return bool(found)
+
+    until(heard, what="the button")
+    return found[0]
+
+
+@pytest.mark.browser
+def test_double_clicks_and_two_browsers_open_one_page(hub: Hub, open_page: Any, tmp_path: Path) -> None:
+    """Real clicks: a double click, then two browsers at once. One set of panels, one clock, and the later wish."""
+    for name, frames in (("one", "4"), ("two", "5")):
+        synth(tmp_path / name, "plane", {"frames": frames}, [], None)
+    pages = [open_page(hub), open_page(hub)]
+    tab(pages[0], "Open")
+    entry = text_entry(pages[0], "Source")
+    entry.fill("synthetic:plane?frames=6")
+    entry.press("Tab")
+    before = hub.shared
+    pages[0].get_by_role("button", name="Open", exact=True).dblclick()
+    until(lambda: hub.shared is not before and hub.shared.playback.total == 6, what="opened")
+    until(lambda: len(hub._sessions) == 1, what="one drive")
+    order: list[str] = []
+    asked = hub.library.open
+
+    def heard(text: str) -> object:
+        order.append(text)
+        return asked(text)
+
+    hub.library.open = heard  # type: ignore[method-assign, assignment]
+    between = hub.shared
+    for page, name in zip(pages, ("one", "two"), strict=True):
+        tab(page, "Open")
+        page.locator(".sc-shelf button", has_text=f"{name}/").first.wait_for()
+    for page, name in zip(pages, ("one", "two"), strict=True):
+        page.locator(".sc-shelf button", has_text=f"{name}/").first.evaluate("b => { b.click(); b.click(); }")
+    until(lambda: len(order) >= 2, what="both asked")
+    until(lambda: hub.shared is not between and hub.shared.playback.total in (4, 5), what="opened")
+    until(
+        lambda: hub.shared.playback.total == (4 if order[-1].startswith("one") else 5), what="the later wish"
+    )
+    until(lambda: len(hub._sessions) == 1, what="one drive")
+    for page in pages:
+        for part in ("stereocalib-timeline", "stereocalib-picture"):
+            until(lambda page=page, part=part: page.locator(part).count() == 1, what=f"one {part}")
+        until(lambda page=page: shown_frame(page) >= 0, what="a page that lives")
+    for gone in (before, between):
+        until(lambda gone=gone: not gone.playback._thread.is_alive(), what="no clock of a page that is gone")
+    hub.shared.playback.play(False)
+    hub.shared.playback.seek(1)
+    for page in pages:
+        until(lambda page=page: shown_frame(page) == 1, what="the panels that are there follow it")
+    tab(pages[0], "Time line")
+    pages[0].get_by_role("button", name="step ▶").click()
+    until(lambda: hub.shared.playback.state.frame == 2, what="and steer it")
+
+
+def test_an_upload_that_stops_half_way_is_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "idle"
+    monkeypatch.setattr(inputs, "IDLE_UPLOAD_S", 0.5)
+    running = start_page("synthetic:plane?frames=3", tmp_path)
+    client = RawClient(running.server.get_port())
+    client.say_hello()
+    button = upload_button(client)
+    client._socket.send(
+        msgspec.msgpack.encode(
+            {"type": "FileTransferStartUpload", "source_component_uuid": button, "transfer_uuid": name,
+             "filename": "x.zip", "mime_type": "application/zip", "part_count": 2, "size_bytes": 10}
+        )
+    )  # fmt: skip
+    held = running.server.gui._current_file_upload_states
+    until(lambda: name in held, what="taken")
+    until(lambda: not held, what="dropped, though no other begins")
+    client.close()
+    stop_page(running)
+
+
 def test_a_clock_whose_page_is_gone_ends(hub: Hub) -> None:
     page = hub.shared
     page._closed = True
@@ -97,13 +183,7 @@ def test_a_clock_whose_page_is_gone_ends(hub: Hub) -> None:
 def test_an_announced_upload_that_is_too_large_is_refused_at_once(hub: Hub) -> None:
     client = RawClient(hub.server.get_port())
     client.say_hello()
-    windows = client.listen(2.0)
-    button = next(
-        m.fields["uuid"]
-        for window in windows
-        for m in window
-        if (m.fields.get("props") or {}).get("label") == "Upload a zip"
-    )
+    button = upload_button(client)
 
     def announce(name: str, size: int, parts: int) -> None:
         client._socket.send(

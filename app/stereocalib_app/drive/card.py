@@ -57,7 +57,7 @@ def mount_rows(drive: Drive) -> list[CardRow]:
         if found is not None:
             value = text.with_sigma(factor * found.value, factor * found.sigma, DIGITS, unit)
         elif name == "yaw" and drive.yaw_reason:
-            value = f"not known: {drive.yaw_reason}"
+            value = f"not known: {plain_units(drive.yaw_reason)}"
         rows.append(CardRow(name, value, *limit_words(drive, axis, factor, unit)))
     if drive.limits:
         within = drive.within_tolerance

@@ -106,15 +106,21 @@ def difference(session: Session, snapshot: Snapshot, settings: Settings, other: 
     return compare(shown_drive(session, snapshot, settings.corrections), other)
 
 
-def recording(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
-    """A rerun recording of what is computed so far."""
+def recording(
+    session: Session,
+    snapshot: Snapshot,
+    settings: Settings,
+    told: Callable[[int, int], None] = lambda done, total: None,
+) -> bytes:
+    """A rerun recording of what is computed so far. told: hears how many frames of how many are written."""
     from stereocalib_core.files.rrd import Recorder
 
     def write(path: Path) -> None:
         recorder = Recorder(session.source.camera, session.source.name, path)
         done = False
         try:
-            for result in snapshot.results:
+            for i, result in enumerate(snapshot.results):
+                told(i, len(snapshot.results))
                 seen = session.views.stages(result.frame)
                 disparity = None if seen.stages is None else seen.stages.disparity
                 recorder.frame(seen.frame, result, disparity)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
@@ -23,9 +23,10 @@ from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import FrameResult
 
 T = TypeVar("T")
-CLOUD_POINTS = 14_000
+CLOUD_POINTS, MOVING_POINTS = 14_000, 5_000
+"""While playing a third of the points is enough to see, and a class on one page can keep up."""
 CLOUD_RANGE_M = 45.0
-PICTURE_CACHE_BYTES = 96_000_000
+PICTURE_CACHE_BYTES, STAGES_CACHE_BYTES = 96_000_000, 80_000_000
 AHEAD_THREADS = 2
 
 
@@ -85,6 +86,16 @@ class FrameStages:
     frame: StereoFrame
     stages: RoadStages | None
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of its pictures and maps."""
+        arrays: list[NDArray | None] = [self.frame.left, self.frame.right, self.frame.lidar]
+        if self.stages is not None:
+            s = self.stages
+            arrays += [s.disparity.values, s.u_disparity, s.v_disparity, s.v_disparity_whole]
+            arrays += [s.obstacles, s.free, s.road]
+        return sum(array.nbytes for array in arrays if array is not None)
+
 
 @dataclass(frozen=True)
 class Thumbnail:
@@ -120,16 +131,19 @@ class FrameView:
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """What a step of the method draws on a frame: its title, the frame's result and what the filter made of it."""
+    """What a step of the method draws on a frame: its title, the frame's result, what the filter made of it,
+    and the path around it."""
 
     title: str
     result: FrameResult | None
     filtered: tuple[Extrinsics, NDArray[np.float64]] | None
     yaw_rad: float
+    path: NDArray[np.float64] | None = None
 
     def _key(self) -> tuple[object, ...]:
         known = None if self.filtered is None else self.filtered[0]
-        return self.title, id(self.result), known, self.yaw_rad
+        path = None if self.path is None else self.path.tobytes()
+        return self.title, id(self.result), known, self.yaw_rad, path
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Lesson) and self._key() == other._key()
@@ -143,7 +157,7 @@ class Lesson:
         """Draws it, None where the lesson draws nothing of its own."""
         if road is not None and live is None:
             road = replace(road, yaw_rad=self.yaw_rad)
-        return marks(self.title, camera, self.result, road, self.filtered, live)
+        return marks(self.title, camera, self.result, road, self.filtered, live, self.path)
 
 
 @dataclass(frozen=True)
@@ -159,7 +173,7 @@ class Look:
 
 SMALL_PX = 320
 MOVING_PX = 640
-"""Width of a picture while the drive plays."""
+"""About the width of a picture while the drive plays."""
 THUMB_PX, THUMB_COLUMNS = 320, 2
 QUALITY, MOVING_QUALITY = 92, 75
 
@@ -173,12 +187,14 @@ def small_picture(frame: StereoFrame) -> NDArray[np.uint8] | None:
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB), dtype=np.uint8)
 
 
-def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -> tuple[NDArray, NDArray]:
-    """Coloured points of one pair in the camera frame: (N, 3) float32 [m] and (N, 3) uint8."""
+def cloud(
+    frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera, most: int = CLOUD_POINTS
+) -> tuple[NDArray, NDArray]:
+    """Coloured points of one pair, about `most`, in the camera frame: (N, 3) float32 [m] and (N, 3) uint8."""
     if stages is None or frame.left is None:
         return np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
     values = stages.disparity.values
-    every = max(1, int(np.sqrt(values.size / (1.6 * CLOUD_POINTS))))
+    every = max(1, int(np.sqrt(values.size / (1.6 * most))))
     d = values[::every, ::every]
     u = stages.disparity.columns_u()[::every][None, :]
     v = stages.disparity.rows_v()[::every][:, None]
@@ -193,24 +209,25 @@ def cloud(frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera) -
     return points.astype(np.float32), colors[good]
 
 
-def contact_sheet(
-    names: Sequence[str], seen: Seen, drawn: Mapping[str, canvas.Picture]
-) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
-    """Every stage small, two in a row; and where each is. drawn: what needs not be drawn again."""
+def contact_sheet(names: Sequence[str], seen: Seen) -> tuple[canvas.Picture, tuple[Thumbnail, ...]]:
+    """Every stage small, two in a row; and where each is."""
+    small = seen.shrunk(max(1, -(-seen.camera.width // THUMB_PX)))
     found = []
     for name in names:
-        picture = drawn[name] if name in drawn else stage_table.draw(name, seen)
-        height = max(1, round(picture.shape[0] * THUMB_PX / picture.shape[1]))
-        found.append(cv2.resize(picture, (THUMB_PX, height), interpolation=cv2.INTER_AREA))
+        picture = stage_table.draw(name, small)
+        if picture.shape[1] > THUMB_PX:
+            size = THUMB_PX, max(1, round(picture.shape[0] * THUMB_PX / picture.shape[1]))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        found.append(picture)
     rows = [found[i : i + THUMB_COLUMNS] for i in range(0, len(found), THUMB_COLUMNS)]
     heights = [max(p.shape[0] for p in row) for row in rows]
     sheet = np.full((sum(heights), THUMB_PX * THUMB_COLUMNS, 3), palette.PAPER, np.uint8)
     places: list[Thumbnail] = []
     for row, y in zip(rows, np.cumsum([0, *heights[:-1]]), strict=True):
         for column, picture in enumerate(row):
-            x, h = column * THUMB_PX, picture.shape[0]
-            sheet[y : y + h, x : x + THUMB_PX] = picture
-            places.append(Thumbnail(names[len(places)], x, int(y), THUMB_PX, h))
+            x, (h, w) = column * THUMB_PX, picture.shape[:2]
+            sheet[y : y + h, x : x + w] = picture
+            places.append(Thumbnail(names[len(places)], x, int(y), w, h))
     return sheet, tuple(places)
 
 
@@ -223,7 +240,7 @@ class FrameViews:
         stages: Callable[[StereoFrame], RoadStages | None],
     ) -> None:
         self._source, self._make_stages = source, stages
-        self._stages: BoundedCache[FrameStages] = BoundedCache(24, lambda _: 1)
+        self._stages: BoundedCache[FrameStages] = BoundedCache(STAGES_CACHE_BYTES, lambda s: s.nbytes)
         self._makers = ThreadPoolExecutor(AHEAD_THREADS, "views ahead")
         self._ahead: list[Future[FrameView]] = []
         self._views: BoundedCache[FrameView] = BoundedCache(
@@ -260,13 +277,18 @@ class FrameViews:
         marks = None if look.lesson is None else look.lesson.draw(camera, own or look.road, look.live)
         T = self._source.T_camera_lidar
         seen = Seen(found.frame, found.stages, camera, own or look.road, look.live, T, marks)
-        picture = stage_table.draw(look.layout, seen)
-        sheet, thumbnails = contact_sheet(self._names(), seen, {look.layout: picture})
-        if moving and picture.shape[1] > MOVING_PX:
-            size = MOVING_PX, round(picture.shape[0] * MOVING_PX / picture.shape[1])
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        by = max(1, round(camera.width / MOVING_PX)) if moving else 1
+        if by > 1 and marks is None:
+            picture = stage_table.draw(look.layout, seen.shrunk(by))
+        else:
+            picture = stage_table.draw(look.layout, seen)
+            if by > 1:
+                size = picture.shape[1] // by, picture.shape[0] // by
+                picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        sheet, thumbnails = contact_sheet(self._names(), seen)
         quality = MOVING_QUALITY if moving else QUALITY
-        points, colors = cloud(found.frame, found.stages, camera)
+        most = MOVING_POINTS if moving else CLOUD_POINTS
+        points, colors = cloud(found.frame, found.stages, camera, most)
         return FrameView(
             index,
             look.layout,

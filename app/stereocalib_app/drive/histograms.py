@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import numpy as np
@@ -18,14 +19,28 @@ BAND_FACTOR = 10.0
 """The profile's band is drawn at this many sigma; one sigma is thinner than a pixel."""
 
 
+MOST_SEEN = 24
+"""From this count on a cell is as bright as can be."""
+AXES_FROM_PX = 560
+"""A narrower picture has no room for the words of its axes."""
+
+
+@cache
+def _count_colors(colors: tuple[palette.Rgb, ...]) -> Picture:
+    """(len(colors) * (MOST_SEEN + 1), 3): the colour of each count in each layer, brighter with its logarithm."""
+    gain = 0.35 + 0.65 * np.log1p(np.arange(MOST_SEEN + 1.0)) / np.log1p(MOST_SEEN)
+    table = gain[None, :, None] * np.array(colors, dtype=np.float64)[:, None, :]
+    table[:, 0] = palette.PAPER
+    return table.reshape(-1, 3).astype(np.uint8)
+
+
 def _counts_picture(layers: Sequence[tuple[NDArray, palette.Rgb]]) -> Picture:
     """Histograms in colours, brightness by log count; the last layer with a count wins its cell."""
-    out = np.full((*layers[0][0].shape, 3), palette.PAPER, dtype=np.float32)
-    for counts, color in layers:
-        hit = counts > 0
-        gain = 0.35 + 0.65 * np.clip(np.log1p(counts[hit]) / np.log1p(24.0), 0, 1)
-        out[hit] = gain[:, None] * np.array(color, dtype=np.float32)
-    return out.astype(np.uint8)
+    index = np.zeros(layers[0][0].shape, np.uint8)
+    for k, (counts, _) in enumerate(layers):
+        seen = np.minimum(counts, MOST_SEEN).astype(np.uint8)
+        np.copyto(index, seen + np.uint8(k * (MOST_SEEN + 1)), where=seen > 0)
+    return np.asarray(np.take(_count_colors(tuple(color for _, color in layers)), index, axis=0))
 
 
 def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
@@ -47,8 +62,10 @@ Axis = tuple[str, float, int]
 
 
 def draw_axes(picture: Picture, along: Axis, down: Axis) -> None:
-    """Ticks and names along the lower and the left edge, both from 0 at the upper left. In place."""
+    """Ticks and names along the lower and the left edge, both from 0 at the upper left, where they fit. In place."""
     height, width = picture.shape[:2]
+    if width < AXES_FROM_PX:
+        return
     name, end, step = along
     name_px = canvas.text_width(name, 18) + 14
     for value in range(step, int(end), step):

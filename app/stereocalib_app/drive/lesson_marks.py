@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_app.widgets.canvas import Picture
-from stereocalib_core.geometry import Extrinsics, StereoCamera, slope_from_roll, vanishing_point_of_travel
+from stereocalib_core.geometry import (
+    Extrinsics,
+    StereoCamera,
+    image_to_road_plane,
+    slope_from_roll,
+    vanishing_point_of_travel,
+)
 from stereocalib_core.results import FrameResult
 
 Array = NDArray[np.float64]
@@ -112,6 +118,63 @@ def filter_inset(
     canvas.put_text(picture, "filter's sigma points", x0 + 8, y0 + height - 24, palette.FILTERED, 16)
 
 
+def path_around(poses: Array, frame: int) -> Array | None:
+    """(N, 2) x to the right and z ahead [m] of the path from PAST frames before to AHEAD after, as the camera of
+    `frame` sees them; None where that frame has no pose. poses: (M, 4, 4)."""
+    if frame >= len(poses) or not np.isfinite(poses[frame]).all():
+        return None
+    near = poses[max(0, frame - PAST) : frame + AHEAD + 1, :3, 3]
+    here = poses[frame]
+    return np.asarray(((near - here[:3, 3]) @ here[:3, :3])[:, [0, 2]])
+
+
+PAST, AHEAD = 40, 15
+METRES_WIDE, METRES_DEEP, METRES_BACK = 24.0, 30.0, 12.0
+"""What the map from above shows: across, ahead, and behind the car."""
+
+
+def path_inset(
+    picture: Picture,
+    camera: StereoCamera,
+    result: FrameResult | None,
+    road: Extrinsics | None,
+    path: Array | None,
+) -> None:
+    """From above: where eq. 16 puts the tracked road points in the frame before (end of the line) and now (dot),
+    and the path that such motions add up to. In place."""
+    width, height = INSET_PX[0], min(INSET_PX[1] + 60, picture.shape[0] - 16)
+    x0, y0 = picture.shape[1] - width - 8, 8
+    picture[y0 : y0 + height, x0 : x0 + width] //= 4
+    scale = min(width / METRES_WIDE, (height - 26) / (METRES_DEEP + METRES_BACK))
+    middle = np.array([x0 + width / 2, y0 + height - METRES_BACK * scale])
+
+    def place(points: Array) -> Array:
+        placed = middle + points * np.array([scale, -scale])
+        outside = (
+            (placed[:, 0] < x0)
+            | (placed[:, 0] >= x0 + width)
+            | (placed[:, 1] < y0 + 26)
+            | (placed[:, 1] >= y0 + height)
+        )
+        return np.where(outside[:, None], np.nan, placed)
+
+    if path is not None:
+        canvas.polyline(picture, place(path), palette.VARIANT["autocalibrated"], 2)
+    if result is not None and result.tracks is not None and road is not None:
+        points = result.tracks.points[result.tracks.on_road].astype(np.float64)
+        points = points[:: max(1, len(points) // MOST_TRACKS)]
+        before, now = (
+            place(image_to_road_plane(camera, road, points[:, k], points[:, k + 1])) for k in (0, 3)
+        )
+        for a, b in zip(before, now, strict=True):
+            canvas.polyline(picture, np.array([a, b]), palette.ROAD, 1)
+            if np.isfinite(b).all():
+                cv2.circle(picture, (int(b[0]), int(b[1])), 2, palette.HORIZON, -1, cv2.LINE_AA)
+    cv2.drawMarker(picture, (int(middle[0]), int(middle[1])), palette.INK, cv2.MARKER_TRIANGLE_UP, 12, 2)
+    canvas.put_text(picture, "eq. 16 from above:", x0 + 8, y0 + 4, palette.INK, 16)
+    canvas.put_text(picture, "points now, path", x0 + 150, y0 + 4, palette.HORIZON, 16)
+
+
 Draw = Callable[[Picture], None]
 
 
@@ -122,14 +185,22 @@ def marks(
     road: Extrinsics | None,
     filtered: tuple[Extrinsics, Array] | None,
     live: Extrinsics | None,
+    path: Array | None = None,
 ) -> Draw | None:
     """What a lesson draws, None where it draws nothing of its own."""
     if lesson == "Roll" and (live or road) is not None:
         used = live or road
         assert used is not None
         return lambda picture: fixed_disparity_lines(picture, camera, used)
-    if lesson in ("Yaw", "Odometry"):
+    if lesson == "Yaw":
         return lambda picture: tracks(picture, result, camera, live or road)
+    if lesson == "Odometry":
+
+        def draw(picture: Picture) -> None:
+            tracks(picture, result, camera, live or road)
+            path_inset(picture, camera, result, live or road, path)
+
+        return draw
     if lesson == "Filter":
         return lambda picture: filter_inset(picture, camera, result, filtered, live)
     return None

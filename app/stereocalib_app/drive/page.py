@@ -10,12 +10,13 @@ from functools import partial
 from typing import Any, Protocol
 
 from stereocalib_app.drive.frame_views import Lesson, Look
+from stereocalib_app.drive.lesson_marks import path_around
 from stereocalib_app.drive.moment import Moment, filtered_at
 from stereocalib_app.drive.panel import Doors
 from stereocalib_app.drive.panels.header import HeaderPanel
 from stereocalib_app.drive.panels.plots import PlotsPanel
 from stereocalib_app.drive.panels.views import ViewsPanel
-from stereocalib_app.drive.path_state import PathBook
+from stereocalib_app.drive.path_state import PathBook, PathState
 from stereocalib_app.drive.scene_part import ScenePart
 from stereocalib_app.drive.session import Session
 from stereocalib_app.drive.settings import Settings
@@ -93,6 +94,7 @@ class Page(PageBase):
         self._roots: list[Any] = []
         self._last: tuple[int, int, Settings, ClockState, int] | None = None
         self._revision = 0
+        self._paths = PathState()
         self._signals: tuple[Any, ...] = (None, None, None)
         self._version = 0
         self._closed = False
@@ -229,9 +231,10 @@ class Page(PageBase):
             drive = self.session.snapshot.drive
             yaw = None if drive is None else drive.mount.yaw_rad
             known = None if filtered is None else (filtered[0], filtered[1])
-            lesson = Lesson(
-                LESSONS[settings.teach_step].title, result, known, 0.0 if yaw is None else yaw.value
-            )
+            title, turn = LESSONS[settings.teach_step].title, 0.0 if yaw is None else yaw.value
+            poses = self._paths.poses.get("live", self._paths.poses.get("autocalibrated"))
+            path = path_around(poses, frame) if title == "Odometry" and poses is not None else None
+            lesson = Lesson(title, result, known, turn, path)
         return Look(
             settings.layout,
             self._live_road(frame, settings),
@@ -256,6 +259,7 @@ class Page(PageBase):
             paths = self._book.state(snapshot.paths, settings.corrections)
         else:
             paths = self._book.saved(None if snapshot.drive is None else snapshot.drive.poses)
+        self._paths = paths
         moment = Moment(
             session=self.session,
             snapshot=snapshot,

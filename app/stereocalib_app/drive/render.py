@@ -114,17 +114,21 @@ def left_view(
 def disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
     """Dense disparity; near is bright, nothing measured is dark."""
     top = 0.6 * stages.bin_px * len(stages.u_disparity)
-    body = canvas.colorize(stages.disparity.values, 0.0, top, "cividis")
-    return _resize(body, width, height)
+    values = stages.disparity.values
+    if width < values.shape[1]:
+        return canvas.colorize(_resize(values, width, height), 0.0, top, "cividis")
+    return _resize(canvas.colorize(values, 0.0, top, "cividis"), width, height)
 
 
 def free_map_view(frame: StereoFrame, stages: RoadStages, width: int, height: int) -> Picture:
     """What is road, what else is free, what stands upright, and what has no disparity."""
-    shape = stages.free.shape[::-1]
-    grey: Picture = np.zeros(stages.free.shape, np.uint8)
+    classes = classes_of(stages)
+    if width < classes.shape[1]:
+        classes = _resize(classes, width, height)
+    grey: Picture = np.zeros(classes.shape, np.uint8)
     if frame.left is not None:
-        grey = cv2.resize(frame.left, shape, interpolation=cv2.INTER_AREA)
-    body = canvas.tinted(grey, classes_of(stages), CLASS_COLORS, (0.0, 0.75, 0.85, 0.8), gain=0.33)
+        grey = cv2.resize(frame.left, classes.shape[::-1], interpolation=cv2.INTER_AREA)
+    body = canvas.tinted(grey, classes, CLASS_COLORS, (0.0, 0.75, 0.85, 0.8), gain=0.33)
     return _resize(body, width, height)
 
 

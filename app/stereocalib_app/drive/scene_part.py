@@ -15,8 +15,8 @@ from stereocalib_app.widgets import canvas, palette, text
 from stereocalib_core.geometry import Extrinsics
 
 MARKERS = 120
-PLAYING_POINTS, RESTING_POINTS = (3, 0.10), (1, 0.06)
-"""Every how many points, and their size [m]."""
+PLAYING_M, RESTING_M = 0.10, 0.06
+"""Size of a point of the cloud: while playing there are fewer of them."""
 
 
 class ScenePart:
@@ -33,10 +33,8 @@ class ScenePart:
         """Show the frame."""
         best = moment.best
         if moment.view is not None:
-            # While playing a third of the points is enough to see, and a class on one page can keep up.
-            step, size_m = PLAYING_POINTS if moment.clock.playing else RESTING_POINTS
-            view = moment.view
-            self.scene.show_cloud(view.points[::step], view.colors[::step], moment.settings.cloud, size_m)
+            size_m = PLAYING_M if moment.clock.playing else RESTING_M
+            self.scene.show_cloud(moment.view.points, moment.view.colors, moment.settings.cloud, size_m)
             # Three pictures a tick would slow browsers down: while playing, the frustum stays empty.
             self.scene.show_image(None if moment.clock.playing else moment.view.small)
         road = None if best is None else best[0]
@@ -122,4 +120,4 @@ def error_colors(errors: NDArray[np.float64], count: int) -> NDArray[np.uint8]:
     values = np.full(count, np.nan)
     values[: min(count, len(errors))] = errors[:count]
     top = float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
-    return canvas.colorize(values[None], 0.0, max(top, 1e-6), "viridis", palette.INK_SOFT)[0]
+    return canvas.colorize(values[None], 0.0, max(top, 1e-6), canvas.ERRORS, palette.INK_SOFT)[0]

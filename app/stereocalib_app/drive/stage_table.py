@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,12 +30,31 @@ class Seen:
     T_camera_lidar: NDArray[np.float64] | None = None
     marks: Callable[[Picture], None] | None = None
     """Draws what a lesson explains on the left image."""
+    histogram_px: int = 1200
+    """Width of a histogram: its cells are larger than pixels, so that their counts can be seen."""
+
+    def shrunk(self, by: int) -> Seen:
+        """The same through a camera whose pixels are `by` times as large, for a picture that is small; without what
+        a lesson draws, which is made for the whole picture."""
+        if by == 1 and self.marks is None:
+            return self
+        left, right = (_means(picture, by) for picture in (self.frame.left, self.frame.right))
+        frame = replace(self.frame, left=left, right=right)
+        width = self.histogram_px // by
+        return replace(self, frame=frame, camera=self.camera.shrunk(by), marks=None, histogram_px=width)
+
+
+def _means(picture: NDArray[np.uint8] | None, by: int) -> NDArray[np.uint8] | None:
+    """(h // by, w // by) means of by x by pixels."""
+    if picture is None or by == 1:
+        return picture
+    height, width = (side // by for side in picture.shape)
+    whole = np.ascontiguousarray(picture[: height * by, : width * by])
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 Legend = tuple[tuple[str, palette.Rgb], ...]
 CLASSES: Final[Legend] = (("road", palette.ROAD), ("free", palette.FREE), ("upright", palette.OBSTACLE))
-HISTOGRAM_PX: Final = 1200
-"""Width of a histogram: its cells are larger than pixels, so that their counts can be seen."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +87,13 @@ def _free_map(seen: Seen) -> Picture:
 
 def _u_disparity(seen: Seen) -> Picture:
     assert seen.stages is not None
-    return histograms.u_disparity_view(seen.stages, HISTOGRAM_PX, HISTOGRAM_PX // 2)
+    return histograms.u_disparity_view(seen.stages, seen.histogram_px, seen.histogram_px // 2)
 
 
 def _v_disparity(seen: Seen) -> Picture:
     assert seen.stages is not None
-    return histograms.v_disparity_view(
-        seen.stages, seen.camera, HISTOGRAM_PX, int(HISTOGRAM_PX * 0.62), seen.live
-    )
+    width = seen.histogram_px
+    return histograms.v_disparity_view(seen.stages, seen.camera, width, int(width * 0.62), seen.live)
 
 
 def _difference(seen: Seen) -> Picture:
@@ -88,11 +107,20 @@ def _lidar(seen: Seen) -> Picture:
     return render.lidar_view(seen.frame, seen.camera, seen.T_camera_lidar, seen.road)
 
 
+def _shade(table: str, share: float) -> palette.Rgb:
+    """The colour of a table at a share of its range."""
+    r, g, b = (int(part) for part in canvas.lookup_table(table)[round(255 * share)])
+    return r, g, b
+
+
 STAGES: Final[dict[str, Stage]] = {
     "left image": Stage(
         (*CLASSES, ("horizon", palette.HORIZON), ("live", palette.LIVE)), _left, without_stages=True
     ),
-    "disparity": Stage((), _disparity),
+    "disparity": Stage(
+        (("far", _shade("cividis", 0.0)), ("near", _shade("cividis", 1.0)), ("no match", palette.PAPER)),
+        _disparity,
+    ),
     "free map": Stage(CLASSES, _free_map),
     "u-disparity": Stage((CLASSES[1], CLASSES[2]), _u_disparity, "u-disparity"),
     "v-disparity": Stage((*CLASSES, ("profile ±10σ", palette.HORIZON)), _v_disparity, "v-disparity"),
@@ -100,7 +128,19 @@ STAGES: Final[dict[str, Stage]] = {
         (("left brighter", (255, 64, 1)), ("alike", (128, 128, 128)), ("left darker", (1, 64, 255))),
         _difference,
     ),
-    "LiDAR": Stage((), _lidar, without_stages=True),
+    "LiDAR": Stage(
+        tuple(
+            (f"{words} {height_m:g} m".replace("-", "−").strip(), _shade("viridis", share))
+            for words, height_m, share in (
+                ("≤", render.HEIGHTS_M[0], 0.0),
+                ("road", 0.0, -render.HEIGHTS_M[0] / (render.HEIGHTS_M[1] - render.HEIGHTS_M[0])),
+                ("", 1.0, (1.0 - render.HEIGHTS_M[0]) / (render.HEIGHTS_M[1] - render.HEIGHTS_M[0])),
+                ("≥", render.HEIGHTS_M[1], 1.0),
+            )
+        ),
+        _lidar,
+        without_stages=True,
+    ),
 }
 
 

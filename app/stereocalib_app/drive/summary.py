@@ -8,8 +8,8 @@ import numpy as np
 
 from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Snapshot
-from stereocalib_app.widgets import palette, text
-from stereocalib_app.widgets.tables import color_key, note, numbers_table
+from stereocalib_app.widgets import canvas, palette, text
+from stereocalib_app.widgets.tables import color_key, color_scale, note, numbers_table
 from stereocalib_core.results import TO_DEGREES
 from stereocalib_core.results.difference import Difference
 
@@ -56,7 +56,26 @@ def _facts(snapshot: Snapshot, paths: PathState) -> list[str]:
     return facts
 
 
-def path_table(paths: PathState) -> str:
+def alike_words(paths: PathState, model: str) -> str:
+    """Why two paths that are told apart show the same numbers; empty where they do not."""
+    best, other = (paths.poses.get(name) for name in ("autocalibrated", "no_yaw"))
+    if best is None or other is None or best.shape != other.shape:
+        return ""
+    if not np.allclose(best, other, atol=1e-6, equal_nan=True):
+        return ""
+    if model != "nonholonomic":
+        return YAW_NOT_NEEDED
+    return "No yaw and autocalibrated are the same path here: this drive has shown no yaw."
+
+
+YAW_NOT_NEEDED = (
+    "No yaw and autocalibrated are the same path here, and that is right: the full and the planar model measure how "
+    "the camera itself moves, whatever way it is mounted in the car. The yaw of the mount matters to the "
+    "nonholonomic model (Correct, Motion), which knows how the car can move and not the camera."
+)
+
+
+def path_table(paths: PathState, model: str = "full") -> str:
     """Length, final error, t_rel and heading error of every path, and the colour of each."""
     rows = []
     if "ground_truth" in paths.poses:
@@ -76,28 +95,55 @@ def path_table(paths: PathState) -> str:
     if not rows:
         return note("The paths appear as soon as some frames are computed.")
     colors = {name: palette.VARIANT[key] for key, name in palette.VARIANT_NAME.items()}
+    alike = alike_words(paths, model)
     return numbers_table(
         "Where each path ends [m, %, °; t_rel in %]",
         ("", "length", "error", "%", "t_rel", "turn"),
         rows,
         colors,
-    )
+    ) + (note(alike) if alike else "")
 
 
-def path_legend(paths: PathState, shown: Mapping[str, bool]) -> str:
-    """Which line of the 3-D view is which, as HTML: the paths there are and that are not hidden."""
+def path_legend(paths: PathState, shown: Mapping[str, bool], by_error: bool = False) -> str:
+    """Which line of the 3-D view is which, as HTML: the paths there are and that are not hidden, and what the
+    colours of the autocalibrated one mean where it is coloured by its error."""
     present = [
         name for name in palette.VARIANT_NAME if len(paths.poses.get(name, ())) and shown.get(name, True)
     ]
     if not present:
         return ""
-    return color_key(
+    key = color_key(
         "Paths in 3-D",
         [
             ("┅" if name == "ground_truth" else "━", palette.VARIANT[name], palette.VARIANT_NAME[name])
             for name in present
+            if not (by_error and name == COLORED)
         ],
     )
+    return key + error_scale(paths) if by_error else key
+
+
+COLORED = "autocalibrated"
+"""The path that is coloured by its error."""
+
+
+def largest_miss_m(paths: PathState) -> float | None:
+    """The largest distance of the coloured path from the truth [m], None where no truth tells it."""
+    found = paths.errors.get(COLORED)
+    if found is None or found.miss_m is None or not np.isfinite(found.miss_m).any():
+        return None
+    return float(np.nanmax(found.miss_m))
+
+
+def error_scale(paths: PathState) -> str:
+    """The colours of the path that is coloured by its error, dark to bright, as a bar in metres."""
+    largest = largest_miss_m(paths)
+    if largest is None:
+        return note("The path cannot be coloured: no truth here is good for an error of position.")
+    table = canvas.lookup_table(canvas.ERRORS)[:: 255 // 8]
+    colors = [(int(r), int(g), int(b)) for r, g, b in table]
+    title = "Autocalibrated path, off the truth by"
+    return color_scale(title, colors, "0 m", text.number(largest, 2, " m")) + note("Grey: no truth there.")
 
 
 def difference_table(difference: Difference) -> str:

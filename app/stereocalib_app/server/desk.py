@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from stereocalib_app.drive.card import card_html, sections_html
 from stereocalib_app.drive.hotkeys import COMMANDS
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.page import Page
@@ -20,6 +21,7 @@ from stereocalib_app.drive.settings import LAYOUTS
 from stereocalib_app.drive.signals.row import Known, Row
 from stereocalib_app.drive.signals.table import all_rows
 from stereocalib_app.drive.wire import now_head, packed, signals_message
+from stereocalib_app.server.docking import Docked, read_docking
 from stereocalib_app.server.links import Link, Links, Shown
 from stereocalib_app.server.me import Names
 from stereocalib_app.server.shelf import shelf, thumbnail
@@ -59,6 +61,9 @@ class Pages(Protocol):
     def look_from(self, client: Any, camera: list[float]) -> None:
         """Place a browser's camera."""
 
+    def dock(self, client: Any, panels: dict[str, Docked], moved: bool) -> None:
+        """Remember where a browser has put its panels, and put them there unless they are."""
+
 
 class Signals:
     """The rows of a page, made once for every browser and version."""
@@ -91,6 +96,9 @@ class Desk:
             "disparity": self._disparity,
             "shelf": self._shelf,
             "open": self._open,
+            "move": self._move,
+            "card": self._card,
+            "docking": self._docking,
         }
 
     # --- to the browsers
@@ -150,6 +158,9 @@ class Desk:
     def arrived(self, link: Link) -> None:
         """A browser has said who it is, and what its address wants to see."""
         state = link.hello.get("state")
+        docked = read_docking(link.hello.get("docking"))
+        if link.client is not None and docked:
+            self._pages.dock(link.client, docked, moved=False)
         if link.client is not None and isinstance(state, dict):
             words = [w for w in state.get("set", []) if isinstance(w, str)][:60]
             frame = state.get("at")
@@ -190,6 +201,24 @@ class Desk:
         name = message.get("name")
         if name in LAYOUTS:
             self._act(link, page, lambda: page.change(layout=name))
+
+    def _move(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
+        action = MOVES.get(str(message.get("what")))
+        if action is not None:
+            self._act(link, page, lambda: action(page))
+
+    def _card(self, link: Link, page: Page, message: Mapping[str, Any]) -> bytes | None:
+        last = self._last.get(page.name)
+        if last is None:
+            return None
+        snapshot, session = last[0].snapshot, last[0].session
+        notices = (*session.notices, *session.source.notices)
+        html = card_html(snapshot) + sections_html(snapshot, session.source.ground_truth, notices)
+        return packed({"t": "card", "html": html})
+
+    def _docking(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
+        if link.client is not None:
+            self._pages.dock(link.client, read_docking(message.get("panels")), moved=True)
 
     def _rows(self, link: Link, page: Page, message: Mapping[str, Any]) -> bytes | None:
         wanted, last = message.get("names"), self._last.get(page.name)
@@ -240,6 +269,16 @@ class Desk:
         head |= {"size": list(values.shape[::-1]), "step": found.stages.disparity.step_px, "scale": FINEST}
         steps = np.nan_to_num(np.clip(values * FINEST, 0, 65535), nan=0.0)
         return packed(head, steps.astype("<u2").tobytes())
+
+
+MOVES: Mapping[str, Callable[[Page], Any]] = {
+    "play": lambda page: page.playback.toggle(),
+    "back": lambda page: page.playback.step(-1),
+    "on": lambda page: page.playback.step(1),
+    "failure": lambda page: page.seek_failure(1),
+    "failure before": lambda page: page.seek_failure(-1),
+}
+"""What the buttons of our own pages do."""
 
 
 def _number(value: Any) -> bool:

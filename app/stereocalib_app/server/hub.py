@@ -7,7 +7,6 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import viser
 
 from stereocalib_app.drive import hotkeys
@@ -19,33 +18,15 @@ from stereocalib_app.drive.settings import Settings
 from stereocalib_app.drive.viewpoint import FOLLOWING, UP, Viewpoint, place_camera
 from stereocalib_app.server.browser_panel import BrowserPanel
 from stereocalib_app.server.desk import Asking, Desk
+from stereocalib_app.server.docking import MAIN_WIDTH_PX, Docked, timeline_width, views_width
 from stereocalib_app.server.inputs import guard
 from stereocalib_app.server.library import Library
-from stereocalib_app.server.viser_internals import set_width, show_elements, show_node
+from stereocalib_app.server.viser_internals import set_place, set_width, show_elements, show_node
 from stereocalib_app.widgets.page_base import set_theme
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files.run_folder import load_run
 
 LOG = logging.getLogger(__name__)
-MAIN_WIDTH_PX = 345
-VIEWS_WIDTH_PX = (260, 700)
-SCENE_WIDTH_PX = 400
-"""What the 3-D view keeps at least."""
-TIMELINE_WIDTH_PX = (300, 900)
-PICTURE_SHAPE = 1.36
-"""Height over width of all stages together."""
-
-
-def views_width(height_px: int, window_px: int) -> int:
-    """Width of the docked pictures so that all stages fit a browser's height, and the 3-D view keeps its own."""
-    wanted = int((height_px - 165) / PICTURE_SHAPE) + 26
-    most = min(VIEWS_WIDTH_PX[1], window_px - MAIN_WIDTH_PX - SCENE_WIDTH_PX)
-    return max(VIEWS_WIDTH_PX[0], min(wanted, most))
-
-
-def timeline_width(room_px: int) -> int:
-    """Width of the time line between the docked panels: all of it, within reason."""
-    return int(np.clip(room_px - 16, *TIMELINE_WIDTH_PX))
 
 
 class Hub:
@@ -59,6 +40,7 @@ class Hub:
         self._own: dict[int, Page] = {}
         self._browsers: dict[int, BrowserPanel] = {}
         self._views_px: dict[int, tuple[Page | None, int]] = {}
+        self._docked: dict[int, dict[str, Docked]] = {}
         self._sessions: list[Session] = [session]
         self._wishes: dict[int | None, int] = {}
         self.leader: int | None = None
@@ -276,9 +258,33 @@ class Hub:
         page.views.panel.set_width(views_width(720, 1280))
         page.plots.panel.float(x=8, y=-8, width=460)
 
+    def dock(self, client: viser.ClientHandle, panels: dict[str, Docked], moved: bool) -> None:
+        """A browser says where it has put its panels. moved: they are there already."""
+        with self._lock:
+            self._docked[client.client_id] = panels
+        if not moved:
+            self._views_px.pop(client.client_id, None)
+            self.fit(client)
+
+    def _put(self, client: viser.ClientHandle, page: Page) -> None:
+        """Put the panels of a page where this browser has had them."""
+        panels = {"views": page.views.panel, "plots": page.plots.panel, "main": self.server.gui.main_panel}
+        for name, docked in self._docked.get(client.client_id, {}).items():
+            gui = self.server.gui if name == "main" else page.gui
+            edge = None if docked.at == "float" else docked.at
+            set_place(client, gui, panels[name], edge, docked.x, docked.y)
+            set_width(client, gui, panels[name], docked.width_px)
+
     def fit(self, client: viser.ClientHandle) -> None:
-        """Give the pictures the height that this browser has, and the time line what is left between the panels."""
+        """Give the pictures the height that this browser has, and the time line what is left between the panels,
+        where the browser has not put them elsewhere."""
         page = self.page_of(client.client_id)
+        if self._docked.get(client.client_id):
+            fitted, _ = self._views_px.get(client.client_id, (None, 0))
+            if fitted is not page:
+                self._views_px[client.client_id] = page, 0
+                self._put(client, page)
+            return
         height, between = int(client.camera.image_height), int(client.camera.image_width)
         fitted, docked = self._views_px.get(client.client_id, (None, views_width(720, 1280)))
         if fitted is not None and fitted is not page:
@@ -313,6 +319,7 @@ class Hub:
             self._browsers.pop(client.client_id, None)
             self.desk.names.forget(client.client_id)
             self._views_px.pop(client.client_id, None)
+            self._docked.pop(client.client_id, None)
             self._wishes.pop(client.client_id, None)
             if self.leader == client.client_id:
                 self.leader = None

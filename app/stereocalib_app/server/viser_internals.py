@@ -61,7 +61,7 @@ def limit_uploads(
     gui: GuiApi, most_bytes: int, patience_s: float, refused: Callable[[int, str], None]
 ) -> None:
     """An upload that is announced as larger than `most_bytes`, or brings more than it announced, is dropped at once,
-    and one that has been idle for `patience_s` when another begins; `refused(client_id, name)` is called."""
+    and `refused(client_id, name)` is called; one that has been idle for `patience_s` is dropped too."""
     start, part = gui._handle_file_transfer_start, gui._handle_file_transfer_part
     heard: dict[str, float] = {}
 
@@ -69,14 +69,26 @@ def limit_uploads(
         gui._current_file_upload_states.pop(transfer, None)
         heard.pop(transfer, None)
 
+    def watch(transfer: str, wait_s: float) -> None:
+        timer = threading.Timer(wait_s, look, (transfer,))
+        timer.daemon = True
+        timer.start()
+
+    def look(transfer: str) -> None:
+        since = heard.get(transfer)
+        if since is not None:
+            rest = patience_s - (time.monotonic() - since)
+            if rest > 0:
+                watch(transfer, rest)
+            else:
+                forget(transfer)
+
     def begin(client_id: int, message: _messages.FileTransferStartUpload) -> None:
-        now = time.monotonic()
-        for transfer in [t for t, since in heard.items() if now - since > patience_s]:
-            forget(transfer)
         if not 0 <= message.size_bytes <= most_bytes or not 0 <= message.part_count <= message.size_bytes:
             refused(client_id, str(message.filename))
             return
-        heard[message.transfer_uuid] = now
+        heard[message.transfer_uuid] = time.monotonic()
+        watch(message.transfer_uuid, patience_s)
         start(client_id, message)  # type: ignore[arg-type]
 
     async def take(client_id: int, message: _messages.FileTransferPart) -> None:
@@ -115,9 +127,18 @@ def show_node(client: Any, name: str, visible: bool) -> None:
 
 
 def set_width(client: Any, gui: GuiApi, panel: Any, width_px: int) -> None:
-    """Set the width of a panel of `gui` in one browser only."""
+    """Set the width of a panel of `gui`, the main one among them, in one browser only."""
     message = _messages.GuiSetPanelWidthMessage(
-        identifier(panel), width_px, counter=gui._next_layout_counter(), run_id=gui._layout_run_id
+        panel._placement_uuid, width_px, counter=gui._next_layout_counter(), run_id=gui._layout_run_id
+    )
+    client._websock_connection.queue_message(message)
+
+
+def set_place(client: Any, gui: GuiApi, panel: Any, edge: str | None, x: float = 0.0, y: float = 0.0) -> None:
+    """Dock a panel of `gui` to an edge (`left`, `right`), or float it at x, y [px], in one browser only."""
+    place: Any = {"kind": "float", "x": x, "y": y} if edge is None else {"kind": "edge", "edge": edge}
+    message = _messages.GuiSetPanelPositionMessage(
+        panel._placement_uuid, place, counter=gui._next_layout_counter(), run_id=gui._layout_run_id
     )
     client._websock_connection.queue_message(message)
 

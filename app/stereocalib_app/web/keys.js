@@ -40,13 +40,26 @@ function help() {
   document.body.append(dialog); dialog.showModal();
 }
 
+const NAMELESS = 'input:not([type=hidden]), textarea, select, button, [role=slider], [role=tab], img';
+
+function named(e) {
+  const by = (e.getAttribute('aria-labelledby') || '').split(' ').map(id => id && document.getElementById(id)?.textContent);
+  return [e.getAttribute('aria-label'), e.getAttribute('alt'), e.title, e.placeholder, e.textContent, ...by,
+    ...[...(e.labels || [])].map(label => label.textContent)].some(words => words && words.trim());
+}
+
+// viser leaves some controls without a name: theirs is the label that stands beside them, or above.
 function name() {
-  for (const thumb of document.querySelectorAll('.mantine-Slider-thumb:not([aria-label]), .mantine-Slider-thumb[aria-label=""]')) {
-    let around = thumb.parentElement;
-    while (around && !around.querySelector('label')) around = around.parentElement;
-    const label = around && around.querySelector('label').textContent;
-    if (label) thumb.setAttribute('aria-label', label);
+  for (const e of document.querySelectorAll(NAMELESS)) {
+    if (named(e)) continue;
+    let around = e.parentElement, words = '';
+    for (let up = 0; around && up < 7 && !words; up++, around = around.parentElement) {
+      const label = [...around.querySelectorAll('label, p, legend')].find(l => l.textContent.trim());
+      if (label) words = label.textContent.trim();
+    }
+    if (e.matches('button')) words = e.closest('[data-dock-root]') ? 'Panel' : words || 'Control';
+    if (e.matches('img')) e.alt = words || 'picture';
+    else if (words) e.setAttribute('aria-label', words.slice(0, 80));
   }
-  for (const picture of document.querySelectorAll('img:not([alt]), img[alt=""]')) picture.alt = 'picture';
 }
 setInterval(name, 1000);

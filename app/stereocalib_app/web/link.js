@@ -1,6 +1,6 @@
 // The line to the server: one WebSocket a browser. Messages are a JSON head with bytes behind it.
 export const bus = new EventTarget();
-export const known = { now: null, page: null, picture: null, signals: null, camera: null, me: null };
+export const known = { now: null, page: null, picture: null, signals: null, camera: null, me: null, docking: null };
 const decoder = new TextDecoder();
 let socket = null, wait = 300, wanted = null;
 
@@ -21,7 +21,7 @@ export function want(state) { wanted = state; }
 
 function hello() {
   if (!known.me && !known.anonymous) return;
-  send({ t: 'hello', ...(known.me || {}), state: wanted });
+  send({ t: 'hello', ...(known.me || {}), state: wanted, docking: known.docking });
   if (known.me) wanted = null;
 }
 

@@ -47,8 +47,9 @@ class Picture extends HTMLElement {
     this.sizes.observe(this.large);
     const c = this.canvas;
     c.addEventListener('wheel', e => { e.preventDefault(); this.scale(Math.exp(-0.0016 * e.deltaY), this.place(e)); }, { passive: false });
-    c.onpointerdown = e => { this.drag = this.place(e); this.start = [...this.at]; try { c.setPointerCapture(e.pointerId); } catch { /* gone */ } };
-    c.onpointerup = c.onpointercancel = () => { this.drag = null; };
+    this.fingers = new Map();
+    c.onpointerdown = e => this.down(e);
+    c.onpointerup = c.onpointercancel = e => { this.fingers.delete(e.pointerId); this.drag = null; };
     c.onpointermove = e => this.move(e);
     c.onpointerleave = () => { this.pointer = null; this.say(); };
     c.ondblclick = () => this.fit();
@@ -121,8 +122,23 @@ class Picture extends HTMLElement {
     return [this.at[0] * large.width + (x - this.w / 2) / k, this.at[1] * large.height + (y - this.h / 2) / k];
   }
 
+  down(e) {
+    this.drag = this.place(e); this.start = [...this.at];
+    this.fingers.set(e.pointerId, this.drag);
+    try { this.canvas.setPointerCapture(e.pointerId); } catch { /* gone */ }
+  }
+
   move(e) {
     const p = this.pointer = this.place(e);
+    if (this.fingers.size === 2 && this.fingers.has(e.pointerId)) {
+      const apart = () => { const [a, b] = [...this.fingers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+      const before = apart();
+      this.fingers.set(e.pointerId, p);
+      const [a, b] = [...this.fingers.values()];
+      this.drag = null;
+      this.scale(apart() / Math.max(before, 1), [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
+      return;
+    }
     if (this.drag && known.picture) {
       const { large } = known.picture, k = this.base() * this.zoom;
       this.at = [this.start[0] - (p[0] - this.drag[0]) / k / large.width, this.start[1] - (p[1] - this.drag[1]) / k / large.height];
@@ -141,7 +157,7 @@ class Picture extends HTMLElement {
       else if (head.axes === 'u-disparity') words = `column u ${across.toFixed(1)} px  · disparity ${down.toFixed(2)} px`;
       else words = `disparity ${across.toFixed(2)} px  · row v ${down.toFixed(1)} px`;
     }
-    this.read.textContent = words || 'Wheel zooms, dragging moves, the pointer reads off.';
+    this.read.textContent = words || (window.matchMedia('(pointer: coarse)').matches ? 'Two fingers zoom, one moves, a tap reads off.' : 'Wheel zooms, dragging moves, the pointer reads off.');
   }
 
   show() {

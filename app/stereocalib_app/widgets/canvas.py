@@ -18,6 +18,8 @@ from stereocalib_app.widgets.palette import INK, INK_SOFT, PAPER, RULE, Rgb
 Picture = NDArray[Any]
 
 TEXT_PX = 22
+ERRORS = "viridis"
+"""The colours of an error along a path: even steps, and in order also for who does not tell red from green."""
 BAR_PX = 34
 """Height of the title bar over each view."""
 

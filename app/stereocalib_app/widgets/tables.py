@@ -51,6 +51,21 @@ def note(line: str) -> str:
 _KEY = "display:flex;flex-wrap:wrap;column-gap:1em;margin:0 0.7em 0.5em;font-size:0.82em;line-height:1.4"
 
 
+def color_scale(title: str, colors: Sequence[palette.Rgb], low: str, high: str) -> str:
+    """What a range of colours means: a bar from `low` to `high`."""
+    stops = ",".join(palette.css(color) for color in colors)
+    bar = (
+        f'<div style="flex:1;height:0.8em;border-radius:2px;background:linear-gradient(90deg,{stops})"></div>'
+    )
+    ends = f"<span>{html.escape(low)}</span>{bar}<span>{html.escape(high)}</span>"
+    label = html.escape(f"{title}: from {low} to {high}", quote=True)
+    style = f"{_KEY};flex-wrap:nowrap;align-items:center"
+    return (
+        f'<div style="{TITLE}">{html.escape(title)}</div>'
+        f'<div role="img" aria-label="{label}" style="{style}">{ends}</div>'
+    )
+
+
 def color_key(title: str, entries: Iterable[tuple[str, palette.Rgb, str]]) -> str:
     """What colours mean: a mark in its colour before each name, as many a line as fit."""
     marks = "".join(

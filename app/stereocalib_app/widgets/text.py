@@ -29,6 +29,8 @@ def number(value: float | None, digits: int, unit: str = "") -> str:
     if value is None or not np.isfinite(value):
         return "–"
     text = f"{value:.{digits}f}".replace("-", "−")
+    if float(text.replace("−", "-")) == 0:
+        text = text.removeprefix("−")
     return f"{text}{unit}"
 
 

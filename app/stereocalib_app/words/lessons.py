@@ -222,14 +222,15 @@ LESSONS: Final[tuple[Lesson, ...]] = (
         "Odometry",
         "left image",
         (
+            r"\Delta = \frac{b}{h}\, (\cos\rho \cos\theta\; \bar v - \sin\rho\; \bar u + \alpha \cos\rho \sin\theta)",
             r"X = \frac{b}{\Delta}\, (\cos\rho\; \bar u + \sin\rho\, (\cos\theta\; \bar v + \alpha\, \sin\theta))",
             r"Z = \frac{b}{\Delta}\, (\alpha\, \cos\theta - \sin\theta\; \bar v)",
             r"T_{k+1} = T_k\; T_{k \to k+1}",
         ),
-        "Points tracked on the road become metres by height, pitch and roll (ū, v̄: from the principal point). The "
-        "motion between frames adds up to the path, and so does every error of the calibration. The default model "
-        "weighs that depth against the measured disparity, so errors show less in it; the planar one, the paper's, "
-        "trusts it alone.",
+        "Points tracked on the road (green) become metres by height, pitch and roll (ū, v̄: from the principal point): "
+        "the map from above shows where they were (end of the line), where they are (dot), and the path that such "
+        "motions add up to, with every error of the calibration. The default model weighs that depth against the "
+        "measured disparity, so errors show less in it; the planar one, the paper's, trusts it alone.",
         Breakage(
             "Take pitch and roll out",
             "the path shrinks or grows and bends: calibration matters",

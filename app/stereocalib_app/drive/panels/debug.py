@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from stereocalib_app.drive.card import shift_words
-from stereocalib_app.drive.changes import changed
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.panels.faults import FaultsPanel
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.widgets import palette, text
+from stereocalib_core.back.causes import changes_at
 from stereocalib_core.back.remedies import REMEDIES
 from stereocalib_core.back.rig.shift_alarm import UNSEEN
 from stereocalib_core.back.spans import failed_spans
@@ -22,6 +22,7 @@ from stereocalib_core.results import Cause, Check
 
 NOWHERE = "–"
 LISTED = 400
+MOST_CHANGES = 5
 GO_THERE = ": choose where to go"
 
 
@@ -83,16 +84,15 @@ def ranked(moment: Moment) -> list[Cause]:
 
 
 def changes_words(moment: Moment) -> str:
-    """What differs most from the last good frame before, with both numbers; Markdown."""
+    """What moved for the worse in this stretch against the good frames, with both numbers; Markdown."""
     result = moment.result
-    before = next((r for r in moment.snapshot.results[: moment.frame][::-1] if r.ok), None)
-    if result is None or result.ok or before is None:
+    if result is None or result.ok:
         return ""
-    found = changed(before, result)[:4]
+    found = changes_at(moment.snapshot.results, moment.frame)[:MOST_CHANGES]
     if not found:
         return ""
     lines = "\n".join(f"- {text.escape(change.words)}" for change in found)
-    return f"\n\n**Changed since frame {before.frame}, the last that was ok:**\n\n{lines}"
+    return f"\n\n**What changed against the good frames**, nearest to the light first:\n\n{lines}"
 
 
 def verdict(moment: Moment) -> str:
@@ -162,6 +162,7 @@ class DebugPanel:
     def __init__(self, host: Host) -> None:
         gui = host.gui
         self._host = host
+        self._told: tuple[int, int] | None = None
         self._verdict = gui.add_markdown("")
         self._failures = gui.add_dropdown(
             "Failures", ("none",), hint="All failed frames with their reason. Choose one to go there."
@@ -187,8 +188,10 @@ class DebugPanel:
 
     def update(self, moment: Moment) -> None:
         """Show the frame's numbers and the lists."""
-        self._verdict.content = verdict(moment)
         result = moment.result
+        key = moment.frame, moment.snapshot.version
+        if key != self._told:
+            self._told, self._verdict.content = key, verdict(moment)
         self._checks.content = "" if result is None else checks_html(result.checks)
         if self._faults is not None:
             self._faults.update(moment)

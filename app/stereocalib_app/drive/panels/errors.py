@@ -6,8 +6,9 @@ import numpy as np
 
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
+from stereocalib_app.drive.summary import alike_words
 from stereocalib_app.widgets import chart as plots
-from stereocalib_app.widgets import palette
+from stereocalib_app.widgets import palette, text
 from stereocalib_app.widgets.chart import Chart, ChartView, Curve
 
 NAMES = tuple(name for name in palette.VARIANT if name != "ground_truth")
@@ -71,6 +72,8 @@ class ErrorsPanel:
             "Distance from the truth, and error of heading, over metres travelled; laid together at the first "
             f'frame.\n\n<span style="font-size:0.85em">{marks}</span>'
         )
+        if (alike := alike_words(moment.paths, moment.settings.corrections.model)) != "":
+            self._note.content += f'\n\n<span style="font-size:0.85em">{text.escape(alike, 400)}</span>'
         shown = (moment.paths, moment.settings.paths)
         if len(self._shown) != len(shown) or any(a is not b for a, b in zip(shown, self._shown, strict=True)):
             for plot, chart in zip(self._plots, error_charts(moment), strict=True):

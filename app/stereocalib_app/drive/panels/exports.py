@@ -16,31 +16,40 @@ from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Settings
 from stereocalib_app.widgets import text
 from stereocalib_app.widgets.copy_button import copy_button
+from stereocalib_app.widgets.long_work import LongWork
 from stereocalib_core.errors import OutputError
 
-Maker = Callable[[Session, Snapshot, Settings], bytes]
+Told = Callable[[int, int], None]
+"""Hears how many parts of how many are done."""
+Maker = Callable[[Session, Snapshot, Settings, Told], bytes]
 
 
-def _sheet(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
+def _quick(make: Callable[[Session, Snapshot, Settings], bytes]) -> Maker:
+    """What is done before anybody would ask how far it is."""
+    return lambda session, snapshot, settings, _told: make(session, snapshot, settings)
+
+
+def _sheet(session: Session, snapshot: Snapshot, settings: Settings, told: Told) -> bytes:
+    told(0, 1)
     return figure_sheet(session, snapshot, settings, card_text(session.source.name, snapshot))
 
 
 FILES: tuple[tuple[str, str, Maker, str], ...] = (
-    ("Trajectory, TUM", "trajectory.tum", exports.tum, "time x y z qx qy qz qw, one line a frame"),
-    ("Trajectory, KITTI", "trajectory.txt", exports.kitti, "12 numbers a line, one line a frame"),
-    ("Extrinsics, CSV", "extrinsics.csv", exports.csv, "one row a frame, as from `stereocalib run`"),
-    ("Report, JSON", "report.json", exports.report, "mount, rows of the pair, shifts, failures"),
+    ("Trajectory, TUM", "trajectory.tum", _quick(exports.tum), "time x y z qx qy qz qw, one line a frame"),
+    ("Trajectory, KITTI", "trajectory.txt", _quick(exports.kitti), "12 numbers a line, one line a frame"),
+    ("Extrinsics, CSV", "extrinsics.csv", _quick(exports.csv), "one row a frame, as from `stereocalib run`"),
+    ("Report, JSON", "report.json", _quick(exports.report), "mount, rows of the pair, shifts, failures"),
     ("Figure sheet, PNG", "figures.png", _sheet, "mount, extrinsics and path on one page"),
     ("Recording, rrd", "recording.rrd", exports.recording, "opens in the rerun viewer"),
 )
 
 
-def made(host: Host, name: str, make: Maker) -> bytes:
+def made(host: Host, name: str, make: Maker, told: Told = lambda done, total: None) -> bytes:
     """A file of what is computed so far; raises OutputError where that is nothing."""
     snapshot = host.session.snapshot
     if not snapshot.results:
         raise OutputError("nothing computed yet", name, "wait for the first frames")
-    return make(host.session, snapshot, host.settings)
+    return make(host.session, snapshot, host.settings, told)
 
 
 def send_sheet(host: Host, client: Any) -> None:
@@ -51,7 +60,9 @@ def send_sheet(host: Host, client: Any) -> None:
 def _send(host: Host, name: str, make: Maker, client: Any) -> None:
     """A file that says in its name which drive and which settings it holds."""
     full = exports.file_name(host.session, host.settings, name)
-    client.send_file_download(full, made(host, name, make), save_immediately=True)
+    with LongWork(client, f"Writing {name}") as work:
+        content = made(host, name, make, work.at)
+    client.send_file_download(full, content, save_immediately=True)
 
 
 def holds(moment: Moment) -> str:

@@ -39,6 +39,8 @@ def drive_line(moment: Moment) -> str:
         return f"{title}\n\n⚠ {text.escape(snapshot.problem)}"
     if snapshot.done:
         return f"{title}\n\n{ok} ok · {failed} failed"
+    if len(snapshot.results) == snapshot.total:
+        return f"{title}\n\nall frames looked at · putting the drive together · {ok} ok · {failed} failed"
     share = 100 * snapshot.progress
     rate = snapshot.frames_per_second
     left = "" if rate <= 0 else f" · {text.duration((snapshot.total - len(snapshot.results)) / rate)} left"

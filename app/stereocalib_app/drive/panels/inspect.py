@@ -34,5 +34,7 @@ class InspectPanel:
             notices = (*moment.session.notices, *source.notices)
             self._sections.content = sections_html(moment.snapshot, source.ground_truth, notices)
         if moment.drive_changed or moment.settings_changed:
-            self._legend.content = path_legend(moment.paths, moment.settings.paths)
+            self._legend.content = path_legend(
+                moment.paths, moment.settings.paths, moment.settings.color_by_error
+            )
         self._now.content = now_table(moment)

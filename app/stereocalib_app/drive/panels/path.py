@@ -8,7 +8,7 @@ from typing import Any
 
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
-from stereocalib_app.drive.summary import path_table
+from stereocalib_app.drive.summary import error_scale, path_table
 from stereocalib_app.widgets import palette
 
 
@@ -36,6 +36,7 @@ class PathPanel:
         self._error = gui.add_checkbox(
             "Colour by error", False, hint="Colours the autocalibrated path by its distance from the truth."
         )
+        self._scale = gui.add_html("")
         host.on_input(self._follow, host.set_follow)
         host.on_input(self._cloud, lambda value: host.change(cloud=value))
         host.on_input(self._markers, lambda value: host.change(markers=value))
@@ -59,4 +60,5 @@ class PathPanel:
             for name, handle in self._shown.items():
                 handle.value = moment.settings.paths.get(name, True)
         if moment.drive_changed or moment.settings_changed:
-            self._table.content = path_table(moment.paths)
+            self._table.content = path_table(moment.paths, moment.settings.corrections.model)
+            self._scale.content = error_scale(moment.paths) if moment.settings.color_by_error else ""
