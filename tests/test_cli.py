@@ -30,11 +30,15 @@ class FakeFrontEnd:
     fail_from = 10**9
     interrupt_at = 10**9
     memory = FrontEndMemory(None, None)
+    pasts = (None, None)
 
     def __init__(self, *_: object) -> None:
         pass
 
-    def look(self, frame: StereoFrame) -> pipeline.Look:
+    def prepare(self, *_: object) -> None:
+        pass
+
+    def look(self, frame: StereoFrame, _: object = None) -> pipeline.Look:
         return pipeline.Look(self.step(frame))
 
     def step(self, frame: StereoFrame) -> FrameResult:

@@ -51,6 +51,11 @@ class SightConfig:
     """A pair of cameras is mounted at least so many baselines high."""
     guess_per_baseline: float = 3.0
     """Height to start from where no road is known yet, in baselines."""
+    above_horizon_rad: float = 0.06
+    """Matched finely to so much above the horizon of the road a moment ago, and coarsely beyond. A ramp of 18 % over
+    the 20 m of a lane comes so high above a camera at 1.65 m."""
+    least_rows_above: int = 8
+    """Fewer cells of the coarse grid above that are not worth a map of their own."""
     most_of_width: float = 0.6
     """Largest disparity, as a share of the width, that leaves both pictures enough in common."""
 

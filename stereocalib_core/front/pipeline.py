@@ -17,7 +17,14 @@ from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.car_way import curvature_of, heading_of, way_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
-from stereocalib_core.front.road.estimate import Hint, RoadResult, begin_road, estimate_road, finish_road
+from stereocalib_core.front.road.estimate import (
+    Hint,
+    RoadAttempt,
+    RoadResult,
+    begin_road,
+    estimate_road,
+    finish_road,
+)
 from stereocalib_core.front.road.stages import RoadStages
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.front.rows.self_check import Examination, examine
@@ -28,8 +35,11 @@ from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.numeric.threads import shared_pool
 from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
+
+AHEAD = 2
+"""So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
+and the road that tells where to match is three frames old."""
 
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
@@ -44,32 +54,23 @@ class Look:
     road: RoadResult | None = None
 
 
-def look_at_pair(
-    camera: StereoCamera,
-    left: Grey,
-    right: Grey,
-    config: PipelineConfig,
-    matcher: Matcher | None = None,
-    hint: Hint | None = None,
-) -> tuple[Examination, RoadResult, dict[str, float]]:
-    """The pair's check of its own rows and its road, and the stages' ms.
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """What a pair shows by itself: the check of its own rows, and its dense disparity, where a road is looked for.
 
-    Neither needs the other: the rows are checked on the core that is free once the disparity is there.
+    None of it needs the pair before, so that pairs may be prepared at the same time.
     """
 
-    def check_rows() -> tuple[Examination, float]:
-        began = time.perf_counter()
-        return examine(camera, left, right, config.rectification), 1e3 * (time.perf_counter() - began)
-
-    begun = begin_road(left, right, camera, config, matcher, hint)
-    rows = shared_pool("row-check", 2).submit(check_rows)
-    road = finish_road(begun, left, right, camera, config, hint)
-    examined, took = rows.result()
-    return examined, road, {"rectification": took, **road.timing_ms}
+    examined: Examination
+    begun: RoadAttempt
+    rows_ms: float
 
 
 class FrontEnd:
     """Looks at the pixels of each frame once, in order. Keeps the previous pair for the tracks.
+
+    Frames may be prepared ahead, up to `AHEAD` of them while one is looked at: for this, how far and how high to
+    match is taken from the road as it was known `AHEAD` frames earlier, whether somebody prepares ahead or not.
 
     matcher: gives the dense disparity; None = the one that `config` names.
     T_camera_lidar: (4, 4) where frames carry LiDAR scans; without it the scans are left alone.
@@ -91,18 +92,46 @@ class FrontEnd:
         self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
+        self._pasts: deque[Extrinsics | None] = deque([None] * (AHEAD + 1), maxlen=AHEAD + 1)
+
+    @property
+    def pasts(self) -> tuple[Extrinsics | None, ...]:
+        """The roads that the next `AHEAD` + 1 frames are to be prepared with, the next one's first."""
+        return tuple(self._pasts)
+
+    def prepare(self, frame: StereoFrame, past: Extrinsics | None) -> Prepared | None:
+        """What `look` needs of a pair, from any thread and in any order; None where there is nothing to look at."""
+        left, right = frame.left, frame.right
+        if frame.failure is not None or left is None or right is None or not self._is_mine(frame):
+            return None
+        config = self.config
+        scanned = frame.lidar is not None and self.T_camera_lidar is not None
+        whole = scanned or config.method == "paper"
+        begun = begin_road(left, right, self.camera, config, self.matcher, past, whole)
+        began = time.perf_counter()
+        examined = examine(self.camera, left, right, config.rectification)
+        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began))
+
+    def _is_mine(self, frame: StereoFrame) -> bool:
+        return frame.camera is None or frame.camera == self.camera
 
     def step(self, frame: StereoFrame) -> FrameResult:
         """One pair to its result; never raises for a bad frame."""
         return self.look(frame).result
 
-    def look(self, frame: StereoFrame) -> Look:
-        """`step` with what it saw on the way.
+    def look(self, frame: StereoFrame, prepared: Prepared | None = None) -> Look:
+        """`step` with what it saw on the way. prepared: by `prepare` with the first of `pasts`, where it was.
 
         A pair with a camera of its own, out of a set of single pairs, is looked at by itself: nothing of its
         neighbours is its past, and it is none of theirs.
         """
-        if frame.camera is not None and frame.camera != self.camera:
+        look = self._look(frame, prepared)
+        self._pasts.append(self._past_road())
+        return look
+
+    def _look(self, frame: StereoFrame, prepared: Prepared | None) -> Look:
+        if not self._is_mine(frame):
+            assert frame.camera is not None
             own = FrontEnd(frame.camera, self.config, self.matcher)
             return own.look(dataclasses.replace(frame, camera=None))
         left, right = frame.left, frame.right
@@ -112,9 +141,11 @@ class FrontEnd:
         failure = self._frozen(left, right)
         if failure is not None:
             return Look(FrameResult(frame.index, frame.timestamp_s, None, failure))
-        examined, road, timing = look_at_pair(
-            self.camera, left, right, self.config, self.matcher, self._hint()
-        )
+        prepared = prepared or self.prepare(frame, self._pasts[0])
+        assert prepared is not None
+        examined = prepared.examined
+        road = finish_road(prepared.begun, left, right, self.camera, self.config, self._hint())
+        timing = {"rectification": prepared.rows_ms, **road.timing_ms}
         sample, checks = examined.sample, examined.checks
         if examined.failure is not None:
             failed = FrameResult(
@@ -140,10 +171,14 @@ class FrontEnd:
         region = self.config.region
         way = way_of(self._tracker.motion, self._standing.height_m, region)
         heading = float(np.median(self._headings)) if len(self._headings) >= region.least_past else 0.0
-        if len(self._past) < region.least_past:
-            return Hint(None, way, heading)
+        return Hint(self._past_road(), way, heading)
+
+    def _past_road(self) -> Extrinsics | None:
+        """The median of the last roads, where there are enough."""
+        if len(self._past) < self.config.region.least_past:
+            return None
         rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in self._past], axis=0)
-        return Hint(Extrinsics(*(float(x) for x in rig)), way, heading)
+        return Extrinsics(*(float(x) for x in rig))
 
     @property
     def _standing(self) -> Extrinsics:
@@ -231,24 +266,23 @@ class FrontEnd:
             if frame.left is not None and frame.right is not None:
                 self._previous = (frame.left, frame.right)
         for result, remembered in done:
-            if remembered.tracked != result.frame:
-                continue
-            hint = self._hint()
-            if result.road is not None:
-                self._road = result.road.extrinsics
-                self._past.append(self._road)
-            if result.frame == memory.tracked:
-                self._retrack(seen[result.frame], result, hint)
-            heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
-            if heading is not None:
-                self._headings.append(heading)
+            if remembered.tracked == result.frame:
+                if result.road is not None:
+                    self._road = result.road.extrinsics
+                    self._past.append(self._road)
+                if result.frame == memory.tracked:
+                    self._retrack(seen[result.frame], result)
+                heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
+                if heading is not None:
+                    self._headings.append(heading)
+            self._pasts.append(self._past_road())
         self._tracker = dataclasses.replace(self._tracker, motion=memory.motion)
 
-    def _retrack(self, frame: StereoFrame, result: FrameResult, hint: Hint) -> None:
+    def _retrack(self, frame: StereoFrame, result: FrameResult) -> None:
         """Start the tracks again at a pair whose road is known."""
-        assert frame.left is not None and frame.right is not None
-        begun = begin_road(frame.left, frame.right, self.camera, self.config, self.matcher, hint)
-        disparity = begun.disparity
+        prepared = self.prepare(frame, self._pasts[0])
+        assert prepared is not None and frame.left is not None and frame.right is not None
+        disparity = prepared.begun.disparity
         assert disparity is not None
         view = PairView(
             frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None

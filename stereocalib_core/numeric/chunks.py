@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any
 
-from stereocalib_core.numeric.threads import shared_pool
+from stereocalib_core.numeric.threads import cores, shared_pool
 
 CHUNKS_PER_CORE = 4
 """Enough to even out slow stretches of a drive."""
@@ -17,11 +16,11 @@ _WORTHWHILE = 64
 
 def in_chunks(work: Callable[..., None], count: int, *arguments: Any) -> None:
     """Call `work(first, last, *arguments)` until 0 ... count is covered; it must release the GIL to gain by it."""
-    cores = os.cpu_count() or 1
-    if count < _WORTHWHILE or cores == 1:
+    workers = cores()
+    if count < _WORTHWHILE or workers == 1:
         work(0, count, *arguments)
         return
-    edges = [count * k // (cores * CHUNKS_PER_CORE) for k in range(cores * CHUNKS_PER_CORE + 1)]
-    pool = shared_pool("odometry", cores)
+    edges = [count * k // (workers * CHUNKS_PER_CORE) for k in range(workers * CHUNKS_PER_CORE + 1)]
+    pool = shared_pool("odometry", workers)
     for _ in pool.map(lambda *part: work(*part, *arguments), edges[:-1], edges[1:]):
         pass

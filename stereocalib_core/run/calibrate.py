@@ -13,7 +13,8 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
 from stereocalib_core.results import Drive, Rig, Timing
-from stereocalib_core.sources import open_source, prefetch
+from stereocalib_core.run.side_by_side import looks
+from stereocalib_core.sources import open_source
 
 if TYPE_CHECKING:
     from stereocalib_core.front.matching import Matcher
@@ -40,7 +41,7 @@ def follow(
     earlier: Sequence[Done] = (),
     matcher: Matcher | None = None,
 ) -> Iterator[Step]:
-    """Frames start...stop - 1 through the front end, one by one, read ahead.
+    """Frames start...stop - 1 through the front end, in order; on several cores neighbours are worked on at once.
 
     earlier: the first of them, done before; the front end goes on where it was after those, to the same bits.
     """
@@ -54,8 +55,7 @@ def follow(
         _recall(front_end, source, earlier)
     start, earlier = start + len(earlier), ()  # they are needed no more, and may be many
     before = time.perf_counter()
-    for frame in prefetch(source, start, stop):
-        look = front_end.look(frame)
+    for frame, look in looks(front_end, source, start, stop):
         now = time.perf_counter()
         yield Step(frame, look, Done(look.result, front_end.memory, 1e3 * (now - before)))
         before = time.perf_counter()

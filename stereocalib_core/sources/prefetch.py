@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from stereocalib_core.frames import FrameSource, StereoFrame
 
 
-def prefetch(source: FrameSource, start: int, stop: int, ahead: int = 4) -> Iterator[StereoFrame]:
+def prefetch(
+    source: FrameSource, start: int, stop: int, ahead: int = 4
+) -> Generator[StereoFrame, None, None]:
     """Frames start...stop - 1 in order, at most `ahead` of them read in advance by one worker thread.
 
     Closing the iterator early waits for the frame being read and no other. A live source is not read ahead,

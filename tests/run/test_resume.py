@@ -461,11 +461,15 @@ def test_a_long_drive_waits_on_the_disk(tmp_path: Path, monkeypatch: pytest.Monk
 
     class Quick:
         memory = FrontEndMemory(None, None)
+        pasts = (None, None)
 
         def __init__(self, *_: object) -> None:
             pass
 
-        def look(self, frame: StereoFrame) -> pipeline.Look:
+        def prepare(self, *_: object) -> None:
+            pass
+
+        def look(self, frame: StereoFrame, _: object = None) -> pipeline.Look:
             result = dataclasses.replace(tracked.result, frame=frame.index, tracks=big)
             return pipeline.Look(result)
 

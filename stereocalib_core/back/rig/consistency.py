@@ -37,7 +37,7 @@ def consistent(results: Sequence[FrameResult], config: ConsistencyConfig) -> lis
     # What was left out no longer speaks for its neighbours: once more without it.
     for _ in range(config.rounds):
         around = _around(values, kept, config)
-        found = measured & ~_contradicts(values - around, sigma, values[:, 0], config)
+        found = measured & ~_contradicts(values - around, sigma, around[:, 0], config)
         if np.array_equal(found, kept):
             break
         kept = found
@@ -62,7 +62,7 @@ def near_smoothed(
         if result.road is None or not np.isfinite(smoothed[i]).all():
             continue
         value, sigma = estimates([result]), result.road.sigma[None]
-        if _contradicts(value - smoothed[i], sigma, value[:, 0], near)[0]:
+        if _contradicts(value - smoothed[i], sigma, smoothed[i, :1], near)[0]:
             detail = _told(value[0], smoothed[i], sigma[0], near)
             checked[i] = dataclasses.replace(
                 result, road=None, failure=Failure(FailureReason.INCONSISTENT, detail)
@@ -86,13 +86,13 @@ def _around(values: Array, kept: Mask, config: ConsistencyConfig) -> Array:
                 continue
             speaking = [both]
         medians = np.array([np.median(values[side], axis=0) for side in speaking])
-        off = np.abs(medians - values[i]) / _limits(values[i, 0], config)
+        off = np.abs(medians - values[i]) / _limits(medians[:, 0], config)
         around[i] = medians[int(np.argmin(off.max(axis=1)))]
     return around
 
 
 def _limits(height_m: float | Array, config: ConsistencyConfig) -> Array:
-    """(..., 3) how far height [m], pitch, roll [rad] may be from those around, whatever sigma says."""
+    """(..., 3) how far height [m], pitch, roll [rad] may be from those around, of height `height_m`, whatever sigma says."""
     height = config.height * np.asarray(height_m)
     pitch, roll = np.deg2rad([config.pitch_deg, config.roll_deg])
     return np.stack([height, np.full_like(height, pitch), np.full_like(height, roll)], axis=-1)
@@ -104,7 +104,7 @@ def _contradicts(off: Array, sigma: Array, height_m: Array, config: ConsistencyC
 
 
 def _told(value: Array, around: Array, sigma: Array, config: ConsistencyConfig) -> str:
-    off = np.abs(value - around) / _limits(value[0], config)
+    off = np.abs(value - around) / _limits(around[0], config)
     axis = int(np.argmax(off))
     name, unit, scale, digits = AXES[axis]
     here, there = scale * value[axis], scale * around[axis]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig, ImageConfig, LimitsConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.front.horizon import first_row, match_by_the_horizon
 from stereocalib_core.front.matching import UNKNOWN_PX, Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
@@ -72,6 +73,10 @@ class RoadAttempt:
         now = time.perf_counter()
         self.timing_ms[stage] = self.timing_ms.get(stage, 0.0) + 1e3 * (now - self._mark)
         self._mark = now
+
+    def go_on(self) -> None:
+        """Time begins to count again after a wait."""
+        self._mark = time.perf_counter()
 
     def check(
         self,
@@ -189,13 +194,19 @@ def _region(
 
 
 def _match(
-    match: Matcher, left: Grey, right: Grey, camera: StereoCamera, config: PipelineConfig, hint: Hint
+    match: Matcher,
+    left: Grey,
+    right: Grey,
+    camera: StereoCamera,
+    config: PipelineConfig,
+    past: Extrinsics | None,
+    whole: bool,
 ) -> DisparityMap:
     """Dense disparity as far as the nearest road in the picture: of the past, or looked for in a coarse map."""
     if config.disparity.max_disparity_px != "auto":
         return match(left, right, camera, config.disparity)
-    past = hint.past
     step = matching_step(camera, config.disparity)
+    first = 0 if whole or past is None else first_row(camera, past, step, config.sight)
     if past is None:
         widest = widest_disparity(camera, config.limits, config.sight)
         coarse = match(left, right, camera, config.disparity, 2 * step, widest)
@@ -205,6 +216,8 @@ def _match(
         )
         past = None if plane is None else plane.extrinsics(camera)
     farthest = UNKNOWN_PX if past is None else config.disparity.margin * road_disparity(camera, past)
+    if first > 0:
+        return match_by_the_horizon(match, left, right, camera, config.disparity, step, farthest, first)
     return match(left, right, camera, config.disparity, step, farthest)
 
 
@@ -214,18 +227,19 @@ def begin_road(
     camera: StereoCamera,
     config: PipelineConfig,
     matcher: Matcher | None = None,
-    hint: Hint | None = None,
+    past: Extrinsics | None = None,
+    whole: bool = True,
 ) -> RoadAttempt:
-    """The stages that keep every core busy: are the pictures usable, and their dense disparity.
+    """Are the pictures usable, and their dense disparity.
 
-    matcher: None = the one that `config` names.
+    matcher: None = the one that `config` names. past: the road of a moment ago. whole: as finely above its horizon.
     """
     attempt = RoadAttempt()
     attempt.failure = _unusable(attempt, left, right, config.images)
     attempt.lap("image")
     if attempt.failure is None:
         match = matcher or find_matcher(config.disparity.matcher)
-        attempt.disparity = _match(match, left, right, camera, config, hint or Hint())
+        attempt.disparity = _match(match, left, right, camera, config, past, whole)
         attempt.lap("disparity")
     return attempt
 
@@ -242,7 +256,7 @@ def estimate_road(
 
     The paper's chain is run beside it whatever the method, for whoever compares.
     """
-    begun = begin_road(left, right, camera, config, matcher, hint)
+    begun = begin_road(left, right, camera, config, matcher, None if hint is None else hint.past)
     return finish_road(begun, left, right, camera, config, hint, compare=True)
 
 
@@ -255,11 +269,12 @@ def finish_road(
     hint: Hint | None = None,
     compare: bool = False,
 ) -> RoadResult:
-    """From the dense disparity of `begin_road` to the road; these stages take little more than one core.
+    """From the dense disparity of `begin_road` to the road.
 
     compare: the paper's chain too, where the method is another one.
     """
     disparity, hint = attempt.disparity, hint or Hint()
+    attempt.go_on()
     if disparity is None:
         return attempt.result(None, attempt.failure)
     lower = disparity.values[disparity.values.shape[0] // 2 :]

@@ -35,7 +35,6 @@ from stereocalib_core.front.road.surface import (
 )
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
-from stereocalib_core.numeric.threads import shared_pool
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,10 @@ def fit_direct(
     unevenness = config.initial_unevenness_m
     bent = np.zeros(len(us))
     for iteration in range(config.iterations):
-        _align_on_two(left, right, camera, parameters, bent, us, vs, config, sums)
+        align(
+            left, right, camera.cx_px, camera.cy_px, camera.disparity_offset_px, parameters, bent, us, vs,
+            half_u, half_v, sums,
+        )  # fmt: skip
         offsets, sigmas = offsets_of(sums, us.astype(np.float64) - cx, trust, pixels)
         offsets = offsets + bent
         seen = np.isfinite(sigmas)
@@ -193,31 +195,6 @@ def _alike_kitti(
     if by == 1:
         return left, right, camera, step_px
     return shrunk(left, by), shrunk(right, by), camera.shrunk(by), step_px // by
-
-
-def _align_on_two(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    camera: StereoCamera,
-    parameters: Array,
-    bent: Array,
-    us: NDArray[np.int64],
-    vs: NDArray[np.int64],
-    config: DirectConfig,
-    sums: Array,
-) -> None:
-    """`align` with half of the patches on a second core; each patch is on its own, so the bits are the same."""
-
-    def part(of: slice) -> None:
-        align(
-            left, right, camera.cx_px, camera.cy_px, camera.disparity_offset_px, parameters, bent[of],
-            us[of], vs[of], config.patch_half_width_px, config.patch_half_height_px, sums[of],
-        )  # fmt: skip
-
-    middle = len(us) // 2
-    other = shared_pool("align", 1).submit(part, slice(middle, None))
-    part(slice(0, middle))
-    other.result()
 
 
 def _solid(allowed: NDArray[np.bool_], config: DirectConfig) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:

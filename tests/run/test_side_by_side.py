@@ -1,0 +1,119 @@
+"""Neighbouring frames at once give the bits of one after another, and nobody is asked too early."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereocalib_core.config import PipelineConfig
+from stereocalib_core.errors import SourceError
+from stereocalib_core.frames import FrameSource, Recording, StereoFrame
+from stereocalib_core.front.pipeline import AHEAD, FrontEnd
+from stereocalib_core.results import FrameResult
+from stereocalib_core.run import side_by_side
+from stereocalib_core.run.calibrate import Step, follow
+from stereocalib_core.sources import open_source
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    """A drive with a frame that is missing, one frozen and one dark."""
+    source = open_source(
+        f"synthetic:town?frames={FRAMES}&width=416&height=160&focal_px=240&cx_px=207&cy_px=70"
+    )
+    frames = [source[i] for i in range(FRAMES)]
+    frames[5] = replace(frames[5], right=frames[4].right)
+    frames[7] = replace(frames[7], left=None, right=None)
+    dark = np.zeros((160, 416), np.uint8)
+    frames[9] = replace(frames[9], left=dark, right=dark + np.uint8(1))
+    return Recording("drive", source.camera, source.timestamps_s, frames.__getitem__)
+
+
+@pytest.fixture
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(side_by_side, "cores", lambda: 2)
+
+
+def _bits(result: FrameResult) -> tuple[object, ...]:
+    road, tracks, rows = result.road, result.tracks, result.rectification
+    return (
+        result.frame,
+        result.reason,
+        None if road is None else (road.extrinsics, road.covariance.tobytes(), road.inliers, road.range_m),
+        None if tracks is None else (tracks.points.tobytes(), tracks.on_road.tobytes(), tracks.previous),
+        None if rows is None else (rows.values.tobytes(), rows.covariance.tobytes()),
+        result.checks,
+    )
+
+
+def _one_by_one(source: FrameSource) -> list[tuple[object, ...]]:
+    front_end = FrontEnd(source.camera, PipelineConfig())
+    return [_bits(front_end.step(source[i])) for i in range(len(source))]
+
+
+def test_the_same_bits_as_one_after_another(drive: Recording, two_cores: None) -> None:
+    expected = _one_by_one(drive)
+    assert [bits[1] for bits in expected].count("") == FRAMES - 3
+    steps = list(follow(drive, PipelineConfig()))
+    assert [_bits(step.done.result) for step in steps] == expected
+    for first in (1, AHEAD, AHEAD + 3, 8):
+        earlier = [step.done for step in steps[:first]]
+        assert [
+            _bits(step.done.result) for step in follow(drive, PipelineConfig(), earlier=earlier)
+        ] == expected[first:]
+
+
+def test_on_one_core_nothing_is_prepared_ahead(drive: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(side_by_side, "cores", lambda: 1)
+    monkeypatch.setattr(side_by_side, "_ahead", None)
+    assert [_bits(step.done.result) for step in follow(drive, PipelineConfig())] == _one_by_one(drive)
+
+
+def test_a_live_source_is_not_asked_before_its_frame_is_wanted(drive: Recording, two_cores: None) -> None:
+    asked: list[int] = []
+
+    def load(index: int) -> StereoFrame:
+        asked.append(index)
+        return drive[index]
+
+    live = replace(drive, load=load, live=True)
+    for count, _ in enumerate(follow(live, PipelineConfig(), 0, 4), 1):
+        assert asked == list(range(count))
+
+
+def test_closed_early_it_reads_no_more_and_reads_ahead_within_bounds(
+    drive: Recording, two_cores: None
+) -> None:
+    asked: list[int] = []
+
+    def load(index: int) -> StereoFrame:
+        asked.append(index)
+        return drive[index]
+
+    steps: Iterator[Step] = follow(replace(drive, load=load), PipelineConfig())
+    next(steps)
+    steps.close()  # type: ignore[attr-defined]
+    read = tuple(asked)
+    assert AHEAD + 1 <= len(read) <= AHEAD + 6 < FRAMES
+    assert read == tuple(range(len(read)))
+
+
+def test_what_goes_wrong_ahead_is_told_when_its_frame_is_due(drive: Recording, two_cores: None) -> None:
+    config = PipelineConfig()
+    calls = FrontEnd(drive.camera, config).matcher
+
+    def fails(left, right, *more, **rest):  # type: ignore[no-untyped-def]
+        if np.array_equal(left[-8:], drive[4].left[-8:]):  # type: ignore[index]
+            raise SourceError("matcher", "frame 4", "try again")
+        return calls(left, right, *more, **rest)
+
+    done = []
+    with pytest.raises(SourceError, match="frame 4"):
+        for step in follow(drive, config, matcher=fails):
+            done.append(step.done.result.frame)
+    assert done == [0, 1, 2, 3]
