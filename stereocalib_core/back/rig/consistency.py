@@ -92,7 +92,7 @@ def _around(values: Array, kept: Mask, config: ConsistencyConfig) -> Array:
 
 
 def _limits(height_m: float | Array, config: ConsistencyConfig) -> Array:
-    """(..., 3) how far height [m], pitch, roll [rad] may be from those around, of height `height_m`, whatever sigma says."""
+    """(..., 3) how far height [m], pitch, roll [rad] may be from those around, at height `height_m`."""
     height = config.height * np.asarray(height_m)
     pitch, roll = np.deg2rad([config.pitch_deg, config.roll_deg])
     return np.stack([height, np.full_like(height, pitch), np.full_like(height, roll)], axis=-1)

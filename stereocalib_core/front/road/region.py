@@ -263,20 +263,24 @@ def grow(
     """
     straight, way = strips
     values, step = disparity.values, disparity.step_px
-    optics = np.array([camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m])
     track = np.array([way.slope, way.curvature_per_m, config.way_side_m, straight.slope])
-    on, weight = np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.float32)
+    on, labels = np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.int32)
     hole = np.ones((config.pinhole_cells, config.pinhole_cells), np.uint8)
     plane = np.array([start.a, start.b, start.c_px])
     noise = noise_px(step, sight)
-    piece, labels, scatter = 0, np.zeros(values.shape, np.int32), noise
+    piece, scatter = 0, noise
+    top = 0
     for round_ in range(config.rounds):
         reach = reach_of(camera, DisparityPlane(*plane), step, sight)
         height = camera.baseline_m / plane[0]
         relative = min(config.tolerance_m, config.tolerance_of_height * height) / height
+        top = _first_row(camera, plane, step, reach.far_m, len(values), config)
+        optics = np.array([camera.focal_px, camera.cx_px, camera.cy_px - top * step, camera.baseline_m])
+        on, weight = np.zeros(values[top:].shape, np.uint8), np.empty(values[top:].shape, np.float32)
         _on_plane(
-            values, allowed, step, optics, plane, track, 0.9 * reach.near_m, reach.far_m, config.half_width_m,
-            relative, config.tolerance_noise * noise, config.near_length * reach.near_m, on, weight,
+            values[top:], allowed[top:], step, optics, plane, track, 0.9 * reach.near_m, reach.far_m,
+            config.half_width_m, relative, config.tolerance_noise * noise, config.near_length * reach.near_m,
+            on, weight,
         )  # fmt: skip
         closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, hole)
         n, labels = connected(np.asarray(closed, dtype=np.uint8))
@@ -285,12 +289,13 @@ def grow(
         piece = int(np.argmax(_piece_weights(labels, on, weight, n)))
         limit = config.tukey * max(scatter, noise) * (2.0 if round_ == 0 else 1.0)
         fitted, count, scatter = _refit(
-            values, labels, on, piece, step, camera.cx_px, camera.cy_px, plane, limit
+            values[top:], labels, on, piece, step, camera.cx_px, camera.cy_px - top * step, plane, limit
         )
         if count < config.min_cells or not np.isfinite(fitted).all() or fitted[0] <= 0:
             return None
         plane = fitted
-    cells = (labels == piece) & on.view(np.bool_)
+    cells = np.zeros(values.shape, np.bool_)
+    cells[top:] = (labels == piece) & on.view(np.bool_)
     found = DisparityPlane(*(float(x) for x in plane))
     reach = reach_of(camera, found, step, sight)
     ahead = _surveyed(step, allowed, cells, camera, found, straight, reach, float(scatter), config)
@@ -298,6 +303,16 @@ def grow(
         return ahead
     turning = _surveyed(step, allowed, cells, camera, found, way, reach, float(scatter), config)
     return turning if turning.share > ahead.share else ahead
+
+
+def _first_row(
+    camera: StereoCamera, plane: Array, step_px: int, far_m: float, rows: int, config: RegionConfig
+) -> int:
+    """The first row of the grid in which the plane is nearer than `far_m` anywhere, less what closing holes takes."""
+    ends = np.array([0.0, camera.width - 1.0]) - camera.cx_px
+    nearer = camera.focal_px * camera.baseline_m / far_m
+    v = camera.cy_px + np.min((nearer - plane[2] - plane[1] * ends) / plane[0])
+    return int(np.clip(np.floor(v / step_px) - config.pinhole_cells - 1, 0, rows - 1))
 
 
 def _surveyed(
@@ -312,9 +327,11 @@ def _surveyed(
     config: RegionConfig,
 ) -> Region:
     """The region with what it covers of a strip."""
-    optics = np.array([camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m])
+    parameters = np.array([plane.a, plane.b, plane.c_px])
+    top = _first_row(camera, parameters, step_px, reach.far_m, len(cells), config)
+    optics = np.array([camera.focal_px, camera.cx_px, camera.cy_px - top * step_px, camera.baseline_m])
     total, every, seen, mine = _survey(
-        allowed, cells, step_px, optics, np.array([plane.a, plane.b, plane.c_px]),
+        allowed[top:], cells[top:], step_px, optics, parameters,
         np.array([strip.slope, strip.curvature_per_m]),
         reach.near_m, reach.far_m, config.half_strip_m, config.bins_per_near,
     )  # fmt: skip

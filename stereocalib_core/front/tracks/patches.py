@@ -261,25 +261,28 @@ def follow(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _row_template(left: Image, u: int, v: int, values: Array, gradients: Array) -> tuple[float, float]:
-    """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the sum of
-    squares of either."""
+def _row_template(
+    left: Image, u: int, v: int, values: Floats, gradients: Floats
+) -> tuple[float, float, float]:
+    """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the mean, and the
+    sum of squares of either."""
     n_v, n_u = values.shape
-    mean = 0.0
+    mean = np.float32(0.0)
+    half = np.float32(0.5)
     for r in range(n_v):
+        row = left[v + r - HALF_V, u - HALF_U - 1 : u + HALF_U + 2]
         for c in range(n_u):
-            i, j = v + r - HALF_V, u + c - HALF_U
-            values[r, c] = left[i, j]
-            gradients[r, c] = 0.5 * (np.float64(left[i, j + 1]) - np.float64(left[i, j - 1]))
+            values[r, c] = np.float32(row[c + 1])
+            gradients[r, c] = half * (np.float32(row[c + 2]) - np.float32(row[c]))
             mean += values[r, c]
-    mean /= n_u * n_v
-    squares = steepness = 0.0
+    mean /= np.float32(n_u * n_v)
+    squares = steepness = np.float32(0.0)
     for r in range(n_v):
         for c in range(n_u):
             values[r, c] -= mean
             squares += values[r, c] * values[r, c]
             steepness += gradients[r, c] * gradients[r, c]
-    return squares, steepness
+    return float(mean), float(squares), float(steepness)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -289,54 +292,57 @@ def _match_row(
     v: int,
     guess: float,
     slope_v: float,
-    values: Array,
-    gradients: Array,
-    squares: float,
-    steepness: float,
+    values: Floats,
+    gradients: Floats,
+    sums: tuple[float, float, float],
     min_contrast: float,
 ) -> tuple[float, float]:
     """Raw disparity of a template and the correlation (-1 = lost); the right patch is sheared along the rows.
 
-    Each row is read between its pixels by cubic convolution. The shear across columns is left out: a road's is
-    a few hundredths of a pixel over the patch, as much to the left as to the right.
+    sums: of the template, as `_row_template` gives them. Each row is read between its pixels by cubic convolution. The
+    shear across columns is left out: a road's is a few hundredths of a pixel over the patch, as much to the left as to
+    the right.
     """
     n_v, n_u = values.shape
     count = n_u * n_v
     width = right.shape[1]
+    mean_left, squares, steepness = sums
+    off = np.float32(mean_left)
+    own = gradient_sum = np.float32(0.0)
+    for r in range(n_v):
+        for c in range(n_u):
+            own += gradients[r, c] * values[r, c]
+            gradient_sum += gradients[r, c]
     disparity = guess
     correlation = -1.0
     for _ in range(8):
         reach = HALF_V * abs(slope_v)
         if u - HALF_U - disparity - reach < 2.0 or u + HALF_U - disparity + reach > width - 4.0:
             return disparity, -1.0
-        total = square = product = b = gradient_sum = 0.0
+        total = square = product = b = np.float32(0.0)
         for r in range(n_v):
             x = u - HALF_U - disparity - slope_v * (r - HALF_V)
             i = int(x)
             t = x - i
-            w0 = 0.5 * t * (-1.0 + t * (2.0 - t))
-            w1 = 1.0 + 0.5 * t * t * (-5.0 + 3.0 * t)
-            w2 = 0.5 * t * (1.0 + t * (4.0 - 3.0 * t))
-            w3 = 0.5 * t * t * (t - 1.0)
-            row = right[v + r - HALF_V]
+            w0 = np.float32(0.5 * t * (-1.0 + t * (2.0 - t)))
+            w1 = np.float32(1.0 + 0.5 * t * t * (-5.0 + 3.0 * t))
+            w2 = np.float32(0.5 * t * (1.0 + t * (4.0 - 3.0 * t)))
+            w3 = np.float32(0.5 * t * t * (t - 1.0))
+            row = right[v + r - HALF_V, i - 1 : i + n_u + 2]
             for c in range(n_u):
-                k = i + c
-                other = w0 * row[k - 1] + w1 * row[k] + w2 * row[k + 1] + w3 * row[k + 2]
+                other = w0 * np.float32(row[c]) + w1 * np.float32(row[c + 1]) - off
+                other += w2 * np.float32(row[c + 2]) + w3 * np.float32(row[c + 3])
                 total += other
                 square += other * other
                 product += other * values[r, c]
                 b += other * gradients[r, c]
-                gradient_sum += gradients[r, c]
-        mean = total / count
+        mean = float(total) / count
         other_squares = square - mean * total
         if other_squares < count * (0.4 * min_contrast) ** 2:
             return disparity, -1.0
         correlation = product / np.sqrt(squares * other_squares)
         # gradient . (gain (right - mean) - (left - mean)): a larger disparity moves the right patch to the left
-        error = np.sqrt(squares / other_squares) * (b - gradient_sum * mean)
-        for r in range(n_v):
-            for c in range(n_u):
-                error -= gradients[r, c] * values[r, c]
+        error = np.sqrt(squares / other_squares) * (b - gradient_sum * mean) - own
         step = min(max(error / steepness, -1.0), 1.0)
         disparity += step
         if abs(step) < 0.01:
@@ -362,8 +368,8 @@ def match_rows(
     """
     result = np.full(len(points), np.nan)
     height, width = left.shape
-    values = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1))
-    gradients = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1))
+    values = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1), np.float32)
+    gradients = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1), np.float32)
     for k in range(len(points)):
         # NaN or infinity is no place in a picture
         if not np.isfinite(points[k, 0] + points[k, 1] + guess[k] + slopes[k, 0] + slopes[k, 1]):
@@ -371,13 +377,14 @@ def match_rows(
         u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1]))
         if u < HALF_U + 2 or v < HALF_V or u + HALF_U + 2 >= width or v + HALF_V >= height:
             continue
-        squares, steepness = _row_template(left, u, v, values, gradients)
+        sums = _row_template(left, u, v, values, gradients)
+        _, squares, steepness = sums
         if squares < values.size * min_contrast**2 or steepness < values.size:
             continue
         carry = slopes[k, 0] * (points[k, 0] - u) + slopes[k, 1] * (points[k, 1] - v)
         start = guess[k] - carry
         disparity, correlation = _match_row(
-            right, u, v, start, slopes[k, 1], values, gradients, squares, steepness, min_contrast
+            right, u, v, start, slopes[k, 1], values, gradients, sums, min_contrast
         )
         if correlation >= min_correlation and abs(disparity - start) < reach_px:
             result[k] = disparity + carry
