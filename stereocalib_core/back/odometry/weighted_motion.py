@@ -19,7 +19,6 @@ from stereocalib_core.numeric.small_algebra import (
     vector_from_rotation,
 )
 
-
 _BLOCK = 64
 """Points taken at once: what is worked on stays in the processor's first cache."""
 _GIVEN = 16 * _BLOCK
