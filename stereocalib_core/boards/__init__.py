@@ -13,6 +13,7 @@ from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.detect import Detection, detect
 from stereocalib_core.boards.folder import BoardFolder, open_folder
 from stereocalib_core.boards.joint import Noise
+from stereocalib_core.boards.memo import Memo, state_of
 from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.outline import overlaps
@@ -22,9 +23,9 @@ from stereocalib_core.boards.refine import Iteration
 from stereocalib_core.boards.run import NothingToSolve, files_of, run, solve
 
 __all__ = [
-    "Answer", "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Noise",
-    "NothingToSolve", "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect",
-    "files_of", "judge", "lines", "open_folder", "run", "solve", "ticked_mask", "warm_up",
+    "Answer", "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Memo",
+    "Noise", "NothingToSolve", "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect",
+    "files_of", "judge", "lines", "open_folder", "run", "solve", "state_of", "ticked_mask", "warm_up",
 ]  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from stereocalib_core.boards.consensus import Candidates, agree
 from stereocalib_core.boards.extraction import board_at
 from stereocalib_core.boards.folder import BoardFolder, read_picture
 from stereocalib_core.boards.intrinsics import estimate_camera
+from stereocalib_core.boards.memo import Memo, state_of
 from stereocalib_core.boards.observability import edge_on_words
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.pattern import true_pattern
@@ -68,19 +69,38 @@ class _Loaded:
     size: tuple[int, int]
 
 
-def detect(folder: BoardFolder, progress: Progress | None = None) -> Detection:
+def detect(folder: BoardFolder, progress: Progress | None = None, memo: Memo | None = None) -> Detection:
     """Find the board in every picture and every cloud of a folder.
 
     A pair in which it cannot be found stays in the list with `status` "rejected" and its reason. Raises
-    SourceError when no camera can be estimated. `progress` gets (stage, done, total).
+    SourceError when no camera can be estimated. `progress` gets (stage, done, total). With the `memo` of an earlier
+    look only files that are new or changed are searched.
     """
+    memo = memo or Memo()
     folder, notes = _with_true_pattern(folder)
-    loaded = in_parallel(lambda name: _load(name, folder), list(folder.names), "reading pairs", progress)
+
+    def load(name: str) -> _Loaded:
+        files = state_of(folder.images.get(name)), state_of(folder.clouds.get(name))
+        size = None if folder.camera is None else (folder.camera.width, folder.camera.height)
+        return memo.recall(("load", name, files, folder.board, size), lambda: _load(name, folder))
+
+    loaded = in_parallel(load, list(folder.names), "reading pairs", progress)
     camera, rms = folder.camera, None
     if camera is None:
         camera, rms = _estimate(loaded, folder.board)
     posed = [_pose(each, camera, folder.board) for each in loaded]
-    found = in_parallel(lambda each: _search(each, folder), posed, "searching boards in clouds", progress)
+
+    def search(each: _Loaded) -> list[BoardCandidate]:
+        plane = each.observation.camera_plane
+        if not each.observation.ok or plane is None:
+            return []
+        # In steps, so that a camera that is estimated anew with every picture asks for the same search.
+        step = CLOUD_SEARCH.distance_step_m
+        farthest = step * np.ceil((np.linalg.norm(plane.center) + CLOUD_SEARCH.farther_than_camera_m) / step)
+        key = "search", state_of(folder.clouds.get(each.observation.name)), float(farthest), folder.board
+        return memo.recall(key, lambda: _search(each, folder, float(farthest)))
+
+    found = in_parallel(search, posed, "searching boards in clouds", progress)
     observations = _choose(posed, found, folder.board, progress)
     places = tuple(tuple(candidates) for candidates in found)
     return Detection(
@@ -182,15 +202,11 @@ def _pose(each: _Loaded, camera: BoardCamera, board: BoardSpec) -> _Loaded:
     )
 
 
-def _search(each: _Loaded, folder: BoardFolder) -> list[BoardCandidate]:
-    observation = each.observation
-    if not observation.ok or observation.camera_plane is None:
-        return []
+def _search(each: _Loaded, folder: BoardFolder, farthest_m: float) -> list[BoardCandidate]:
     if folder.cropped:
         candidate = candidate_of_cropped(each.points, folder.board)
         return [] if candidate is None else [candidate]
-    farthest = float(np.linalg.norm(observation.camera_plane.center)) + CLOUD_SEARCH.farther_than_camera_m
-    return find_candidates(each.points, folder.board, farthest)
+    return find_candidates(each.points, folder.board, farthest_m)
 
 
 def _flatten(posed: list[_Loaded], found: list[list[BoardCandidate]]) -> Candidates:

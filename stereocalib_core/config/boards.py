@@ -96,6 +96,8 @@ class CloudSearchConfig:
     """A free-standing patch whose plane passes through the LiDAR within 3.4 degrees: it can't show its outline."""
     farther_than_camera_m: float = 3.0
     """The sensors of one rig sit no farther apart than this."""
+    distance_step_m: float = 0.5
+    """Clouds are searched so many times this far; coarse enough not to change with a camera's last pixel."""
     lone_score: float = 0.8
     """A board that does not fit its own picture must be clearer than others to be believed."""
     lone_near_m: float = 0.15

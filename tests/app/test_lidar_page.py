@@ -120,7 +120,7 @@ def test_solving_again_is_quick(view: LidarView) -> None:
         view.session.change(excluded=frozenset({name}))
         until(lambda name=name: view.session.snapshot.solved_for == {name}, what="solved")  # type: ignore[misc]
         times.append(view.session.snapshot.solve_s)
-    assert min(times) < 0.2
+    assert min(times) < 1.0
 
 
 @pytest.mark.browser

@@ -86,25 +86,26 @@ class LidarPage(PageBase):
         gui.add_html(style_sheet())
         self._parts: list[Any] = []
         tabs: Any = gui.add_tab_group()
-        for name, part in (
-            ("Pairs", PairsPanel),
-            ("Result", ResultPanel),
-            ("Nudge", NudgePanel),
-            ("Export", ExportPanel),
-        ):
+        self._parts.append(PairsPanel(self, session, tabs.add_tab("Pairs")))
+        for name, part in (("Result", ResultPanel), ("Nudge", NudgePanel), ("Export", ExportPanel)):
             with tabs.add_tab(name):
                 self._parts.append(part(self, session))
 
     def _build_slider(self) -> None:
-        gui, count = self.gui, len(self.session.folder.names)
+        gui, count = self.gui, self._count()
         panel: Any = gui.add_panel()
         panel.float(x=8, y=-8, width=TIMELINE_WIDTH_PX)
         with panel.add_tab("Pair"):
             self._slider: Any = gui.add_slider("Pair", 1, max(count, 2), 1, 1)
             self._steps = gui.add_button_group("", ("◀ previous", "next ▶", "tick in or out"))
             self._words = gui.add_markdown("")
-        self.on_input(self._slider, lambda value: self.session.change(pair=min(int(value), count) - 1))
+        self.on_input(
+            self._slider, lambda value: self.session.change(pair=min(int(value), self._count()) - 1)
+        )
         self.on_click(self._steps, self._press)
+
+    def _count(self) -> int:
+        return len(self.session.folder.names)
 
     def _press(self, name: str) -> None:
         if name == "tick in or out":
@@ -138,7 +139,11 @@ class LidarPage(PageBase):
         """Called by the session's worker only: numbers first, pictures after them."""
         name = self.session.folder.names[snapshot.wish.pair]
         with self.server.atomic():
-            self._headline.content = lidar_words.headline(snapshot, self.session.path.resolve().name)
+            if self._slider.max != max(self._count(), 2):
+                self._slider.max = max(self._count(), 2)
+            self._headline.content = lidar_words.headline(
+                snapshot, self.session.path.resolve().name, self.session.watching is not None
+            )
             self._show_progress(snapshot)
             self._verdict.content = lidar_words.verdict(snapshot)
             self._words.content = lidar_words.pair_words(snapshot, name)

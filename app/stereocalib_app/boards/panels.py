@@ -35,30 +35,44 @@ NUDGES = (
 
 
 class PairsPanel:
-    """Every pair with its thumbnail, its residuals and a tick."""
+    """Every pair with its thumbnail, its residuals and a tick. `tab`: where the rows of new pairs go."""
 
-    def __init__(self, page: PageBase, session: LidarSession) -> None:
-        gui, self._session = page.gui, session
-        names = session.folder.names
-        gui.add_markdown(
-            "Untick a pair and the rest is solved again. Numbers: cloud to board, corners, normals."
-        )
-        self._all = gui.add_button("Use all pairs", hint="Tick every pair that the detection could use.")
+    def __init__(self, page: PageBase, session: LidarSession, tab: Any) -> None:
+        gui, self._page, self._session, self._tab = page.gui, page, session, tab
+        with tab:
+            gui.add_markdown(
+                "Untick a pair and the rest is solved again. Numbers: cloud to board, corners, normals."
+            )
+            self._all = gui.add_button("Use all pairs", hint="Tick every pair that the detection could use.")
+            self._style: Any = gui.add_html("")
         page.on_click(self._all, lambda _value: session.change(excluded=frozenset()))
-        self._style: Any = gui.add_html("")
         self._rows: list[Any] = []
         self._ticks: list[Any] = []
-        for index, name in enumerate(names):
-            self._rows.append(gui.add_html(pair_row(session.snapshot, index, name)))
-            tick = gui.add_checkbox(f"use {name}", True, hint="In or out of the solution.")
-            self._ticks.append(tick)
-            page.on_input(tick, partial(session.tick, name))
-        self._shown: list[str] = [""] * len(names)
+        self._shown: list[str] = []
+        self._names: tuple[str, ...] = ()
+        self._build(session.snapshot)
+
+    def _build(self, snapshot: LidarSnapshot) -> None:
+        """A row for every name, in their order."""
+        gui, folder = self._page.gui, self._session.folder
+        for handle in (*self._rows, *self._ticks):
+            handle.remove()
+        self._rows, self._ticks = [], []
+        with self._tab:
+            for index, name in enumerate(folder.names):
+                self._rows.append(gui.add_html(pair_row(snapshot, index, name)))
+                tick = gui.add_checkbox(f"use {name}", True, hint="In or out of the solution.")
+                self._ticks.append(tick)
+                self._page.on_input(tick, partial(self._session.tick, name))
+        self._shown = [""] * len(folder.names)
+        self._names = folder.names
         self._styled = False
 
     def update(self, snapshot: LidarSnapshot) -> None:
         """Show what changed."""
         folder = self._session.folder
+        if self._names != folder.names:
+            self._build(snapshot)
         if not self._styled:
             rules = [thumbnail_rule(i, folder.images.get(n)) for i, n in enumerate(folder.names)]
             self._style.content = f"<style>{''.join(rules)}</style>"

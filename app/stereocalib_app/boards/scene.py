@@ -18,7 +18,7 @@ from stereocalib_app.boards.render import color_of
 from stereocalib_app.boards.session import LidarSnapshot, PairFiles
 from stereocalib_app.widgets import palette
 from stereocalib_app.widgets.canvas import lookup_table
-from stereocalib_core.boards import Calibration, PairObservation
+from stereocalib_core.boards import Answer, Calibration, PairObservation
 from stereocalib_core.boards.trial import sigma_ellipsoid
 from stereocalib_core.numeric.arrays import Array
 
@@ -111,6 +111,7 @@ class LidarScene:
         self._marked: list[int] = []
         self._shown_pair, self._shown_cloud = -1, ""
         self._shown_result: Calibration | None = None
+        self._shown_answer: Answer | None = None
         self._has_cloud = False
         self._options = (True, True, True, True)
 
@@ -140,6 +141,7 @@ class LidarScene:
         if changed:
             self._show_boards(snapshot, options)
             self._show_ellipsoid(snapshot, options[3])
+        if snapshot.answer is not self._shown_answer:
             self._show_next(snapshot)
         if self._shown_cloud != name:
             self._show_frustum(snapshot, files)
@@ -151,7 +153,7 @@ class LidarScene:
             self._has_cloud = bool(len(cloud))
         self._cloud.visible = options[0] and self._has_cloud
         self._shown_pair, self._shown_result, self._shown_cloud = pair, result, name
-        self._options = options
+        self._options, self._shown_answer = options, snapshot.answer
 
     def _show_boards(self, snapshot: LidarSnapshot, options: tuple[bool, bool, bool, bool]) -> None:
         detection, result = snapshot.detection, snapshot.result
@@ -200,6 +202,9 @@ class LidarScene:
         if not poses:
             return
         positions = np.array([T[:3, 3] for T in poses], np.float32)
+        if self._markers is not None and len(self._markers.batched_positions) != len(poses):
+            self._markers.remove()
+            self._markers = None
         if self._markers is not None:
             self._markers.batched_positions, self._markers.batched_colors = positions, colors
             return

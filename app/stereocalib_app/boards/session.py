@@ -10,17 +10,19 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_app.boards.watch import LOOK_EVERY_S, FolderWatch
 from stereocalib_core.boards import (
     Answer,
     BoardFolder,
     Calibration,
     Detection,
+    Memo,
     detect,
     judge,
     open_folder,
@@ -34,6 +36,7 @@ from stereocalib_core.errors import SourceError, StereoCalibError
 LOG = logging.getLogger(__name__)
 KEPT_PAIRS = 12
 NO_NUDGE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+AT_REST = ("solving", "ready", "failed")
 Nudge = tuple[float, float, float, float, float, float]
 
 
@@ -73,8 +76,8 @@ class LidarSnapshot:
 
     @property
     def busy(self) -> bool:
-        """Whether boards are still being looked for."""
-        return self.detection is None and not self.problem
+        """Whether boards are being looked for."""
+        return self.stage not in AT_REST
 
 
 @dataclass(frozen=True)
@@ -91,11 +94,18 @@ class _ClosedError(Exception):
 
 
 class LidarSession:
-    """Owns the worker. `show(snapshot)` is called by it alone, after every change."""
+    """Owns the worker. `show(snapshot)` is called by it alone, after every change.
 
-    def __init__(self, path: Path, show: Callable[[LidarSnapshot], None] | None = None) -> None:
+    With `watch` the folder is looked at again and again, and whatever is new in it is taken in.
+    """
+
+    def __init__(
+        self, path: Path, show: Callable[[LidarSnapshot], None] | None = None, watch: bool = False
+    ) -> None:
         self.folder: BoardFolder = open_folder(path)
         self.path = path
+        self.watching = FolderWatch(path) if watch else None
+        self._memo = Memo()
         self.show: Callable[[LidarSnapshot], None] = show or (lambda _: None)
         self.snapshot = LidarSnapshot(total=len(self.folder.names))
         self._changed = threading.Condition()
@@ -155,14 +165,50 @@ class LidarSession:
 
     def _until_closed(self) -> None:
         seen = -1
-        detection = detect(self.folder, self._progress)
+        detection = detect(self.folder, self._progress, self._memo)
         self._publish(detection=detection, stage="solving")
+        patience = None if self.watching is None else LOOK_EVERY_S
         while not self._closed:
             with self._changed:
-                self._changed.wait_for(lambda seen=seen: self._closed or self._revision != seen)  # type: ignore[misc]
+                woken = self._changed.wait_for(partial(self._news, seen), patience)
                 seen, wish = self._revision, self._wish
-            if not self._closed:
-                self._fulfil(detection, wish)
+            if self._closed:
+                return
+            if not woken:
+                grown = self._grown()
+                if grown is None:
+                    continue
+                detection, wish = grown
+            self._fulfil(detection, wish)
+
+    def _news(self, seen: int) -> bool:
+        return self._closed or self._revision != seen
+
+    def _grown(self) -> tuple[Detection, Wish] | None:
+        """What is in the folder now, if that is new and can be read, and the wish that has its newest pair on show."""
+        if self.watching is None or not self.watching.settled():
+            return None
+        try:
+            folder = open_folder(self.path)
+            detection = detect(folder, self._progress, self._memo)
+        except StereoCalibError as error:
+            # Half a file, or settings that are being edited: said, and looked at again when they change.
+            self._publish(stage="ready", problem=f"{error.what}: {error.where}. {error.remedy}")
+            return None
+        before = set(self.folder.names)
+        new = [i for i, name in enumerate(folder.names) if name not in before]
+        on_show = self.folder.names[self._wish.pair]
+        pair = new[-1] if new else folder.names.index(on_show) if on_show in folder.names else 0
+        self.files.cache_clear()
+        with self._changed:
+            self.folder = folder
+            self.change(pair=pair)
+            wish = self._wish
+        self._publish(
+            detection=detection, result=None, first=None, trial=None, answer=None, problem="", stage="solving",
+            total=len(folder.names), wish=wish,
+        )  # fmt: skip
+        return detection, wish
 
     def _progress(self, stage: str, done: int, total: int) -> None:
         if self._closed:

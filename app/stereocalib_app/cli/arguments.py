@@ -324,4 +324,7 @@ def _add_lidar(add: object) -> None:
         "view-lidar", "open the app on a set of chessboard poses", "stereocalib view-lidar boards"
     )
     view.add_argument("folder", type=Path, metavar="DIR")
+    view.add_argument(
+        "--watch", action="store_true", help="take in new pairs while the page is open: beside the rig"
+    )
     _add_server(view)

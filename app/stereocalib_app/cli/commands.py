@@ -265,7 +265,7 @@ def view_lidar(arguments: argparse.Namespace) -> str | None:
     """The app on chessboard poses."""
     _need_folder(arguments.folder)
     importlib.import_module("stereocalib_app.boards.serve").serve(
-        arguments.folder, arguments.host, arguments.port, _token(arguments)
+        arguments.folder, arguments.host, arguments.port, _token(arguments), arguments.watch
     )
     return None
 

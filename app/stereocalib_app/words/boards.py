@@ -13,18 +13,20 @@ VERDICT_COLORS = {"good": palette.ROAD, "weak": palette.NOW, "degenerate": palet
 AXES = ("x", "y", "z")
 
 
-def headline(snapshot: LidarSnapshot, folder: str) -> str:
+def headline(snapshot: LidarSnapshot, folder: str, watching: bool = False) -> str:
     """Which folder, and how far it is."""
-    title = f"**{text.escape(folder, 60)}** · {snapshot.total} pairs"
+    name = f"**{text.escape(folder, 60)}**"
+    title = f"{name} · {snapshot.total} pairs"
+    grows = "\n\nNew pairs in the folder are taken in by themselves." if watching else ""
     if snapshot.problem:
-        return f"{title}\n\n⚠ {text.escape(snapshot.problem)}"
+        return f"{title}\n\n⚠ {text.escape(snapshot.problem)}{grows}"
     if snapshot.busy:
         return f"{title}\n\n{text.escape(snapshot.stage)}: {snapshot.done} of {snapshot.total}"
     if snapshot.result is None:
         return f"{title}\n\nsolving"
     used = sum(p.ok for p in snapshot.result.pairs)
     solved = f"solved in {1000 * snapshot.solve_s:.0f} ms"
-    return f"**{text.escape(folder, 60)}** · {used} of {len(snapshot.result.pairs)} pairs used · {solved}"
+    return f"{name} · {used} of {len(snapshot.result.pairs)} pairs used · {solved}{grows}"
 
 
 def verdict(snapshot: LidarSnapshot) -> str:
