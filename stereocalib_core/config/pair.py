@@ -92,5 +92,15 @@ class ScanDisparityConfig:
     """Of the fine match about the dense one."""
     most_px: float = 6.0
     """Difference of the two; 0.4 deg of relative yaw at 700 px. More is another thing than the LiDAR saw."""
+    most_tried: int = 900
+    """Surfaces of a scan that are matched; neighbours say the same."""
     most_samples: int = 600
     """Kept of each scan."""
+    every: int = 3
+    """So many scans pass before the next is compared, once the drive has shown `all_until` of them: a surface stays in
+    view for longer, and what it says the first time it says again."""
+    all_until: int = 30
+
+    def wanted(self, frame: int) -> bool:
+        """Whether this frame's scan is compared."""
+        return frame < self.all_until or frame % self.every == 0

@@ -213,7 +213,8 @@ class FrontEnd:
                 *(config.scan_sample, frame.lidar_sweep),
             )
         seen = None
-        if frame.left is not None and frame.right is not None and road.disparity is not None:
+        wanted = config.scan_disparity.wanted(frame.index)
+        if wanted and frame.left is not None and frame.right is not None and road.disparity is not None:
             seen = scan_disparities(
                 self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
                 config.scan_disparity, result.rectification,

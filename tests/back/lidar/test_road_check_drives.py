@@ -94,7 +94,10 @@ def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
     for axis in ("height_m", "pitch_rad", "roll_rad", "frames"):
         assert getattr(told, axis) == getattr(found, axis)
     assert told.yaw_rad is not None and told.pose is not None and told.why is None
-    without = [dataclasses.replace(result, lidar=None) for result in results]
+    by_edges = [dataclasses.replace(result, lidar=None) for result in results]
+    alone = analyse(by_edges, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).lidar
+    assert alone is not None and alone.height_m is None and alone.yaw_rad is not None
+    without = [dataclasses.replace(result, lidar=None, scan=None) for result in results]
     assert analyse(without, open_source(str(kitti_raw_0009)).camera, PipelineConfig()).lidar is None
 
 

@@ -29,6 +29,7 @@ NEAR, FAR = palette.VARIANT["autocalibrated"], palette.VARIANT["no_roll"]
 PLOT_PX = 120
 REACH_PX = 1.0
 """Offsets shown on either side of the one found and of zero [px]."""
+NOTHING = "Nothing to mend: what was found is small, or could not be measured."
 FIELD_PX = 1.0
 """Row difference that is drawn in full colour [px]."""
 
@@ -106,9 +107,10 @@ def _shade(value: float) -> str:
 def mended_drive(session: Session, snapshot: Snapshot) -> Drive | None:
     """The drive with its pair mended, from the same tracks and roads; None where there is nothing to mend."""
     drive = snapshot.drive
-    if drive is None or drive.pair.correction is None or not session.tracks:
+    correction = None if drive is None else drive.pair.correction
+    if correction is None or correction.nothing or not session.tracks:
         return None
-    results = results_mended(session.camera, snapshot.results, drive.pair.correction)
+    results = results_mended(session.camera, snapshot.results, correction)
     return analyse_openly(results, session.camera, session.config, session.source.ground_truth)[0]
 
 
@@ -158,6 +160,8 @@ class PairPanel:
         self._mend = gui.add_checkbox("Mend the pair", False)
         self._table = gui.add_markdown("")
         self._shown: tuple[Session, Snapshot] | None = None
+        self.mended: Drive | None = None
+        """The drive with its pair mended, while the switch is on."""
         host.on_input(self._mend, self._switch)
 
     def _switch(self, on: bool) -> None:
@@ -166,8 +170,10 @@ class PairPanel:
             return
         session, snapshot = self._shown
         if snapshot.drive is not None:
-            after = mended_drive(session, snapshot) if on else None
-            self._table.content = before_and_after(snapshot.drive, after)
+            self.mended = mended_drive(session, snapshot) if on else None
+            self._table.content = before_and_after(snapshot.drive, self.mended)
+            if on and self.mended is None:
+                self._table.content += f"\n\n{NOTHING}"
 
     def update(self, moment: Moment) -> None:
         """Show the pair once the whole drive is computed, and again when it is to be mended."""
@@ -190,4 +196,4 @@ class PairPanel:
             "one."
         )
         self._rows.content = rows_picture(moment.session.camera, drive.pair)
-        self._table.content = before_and_after(drive, None)
+        self._switch(self._mend.value)
