@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from stereocalib_core.boards.beams import Beams, covariance_of_beams
 from stereocalib_core.boards.camera import BoardCamera
@@ -68,7 +68,7 @@ def second_opinion(problem: JointProblem, held: Refined) -> Doubt | None:
     unit = 1.0 / np.sqrt(np.diag(covariance))
     moved_by = step * unit
     chi = float(moved_by @ np.linalg.pinv(covariance * unit * unit[:, None], rcond=1e-10) @ moved_by)
-    beyond = chi > float(chi2.isf(SECOND_OPINION.chance, len(step)))
+    beyond = chi > float(chdtri(len(step), SECOND_OPINION.chance))
     moved = np.zeros((6, 6))
     if beyond:
         d = _difference(freed.state.T_camera_lidar, sized.state.T_camera_lidar)

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.boards.cloud_files import read_cloud
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import StereoFrame
 
@@ -48,6 +47,10 @@ def read_scan(path: Path) -> NDArray[np.float32] | None:
         if size == 0 or size > MAX_BYTES:
             return None
         if path.suffix.lower() != ".bin":
+            from stereocalib_core.boards.cloud_files import (
+                read_cloud,
+            )  # with all of its room: most drives have none
+
             points = read_cloud(path).astype(np.float32)
             points = np.column_stack([points, np.zeros(len(points), np.float32)])
         else:
