@@ -9,7 +9,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.numeric.threads import cores, one_thread_each
@@ -19,6 +18,10 @@ if TYPE_CHECKING:
     from stereocalib_core.front.pipeline import FrontEnd, Look, Prepared
 
 
+READ_AHEAD = 4
+"""Frames read beyond those that are being prepared: a disk that falters for a moment keeps nobody waiting."""
+
+
 def looks(
     front_end: FrontEnd, source: FrameSource, start: int, stop: int
 ) -> Iterator[tuple[StereoFrame, Look]]:
@@ -26,39 +29,51 @@ def looks(
 
     Of a live source no frame is begun before it is asked for, and on one core none is prepared ahead.
     """
+    if not source.live and cores() > 1:
+        yield from _ahead(front_end, source, start, stop)
+        return
     with closing(prefetch(source, start, stop)) as frames:
-        if source.live or cores() == 1:
-            for frame in frames:
-                yield frame, front_end.look(frame)
-            return
-        yield from _ahead(front_end, frames)
+        for frame in frames:
+            yield frame, front_end.look(frame)
 
 
-def _ahead(front_end: FrontEnd, frames: Iterator[StereoFrame]) -> Iterator[tuple[StereoFrame, Look]]:
-    """As many frames are being prepared as the front end has roads to prepare them with."""
+def _ahead(
+    front_end: FrontEnd, source: FrameSource, start: int, stop: int
+) -> Iterator[tuple[StereoFrame, Look]]:
+    """One thread reads, in order; as many frames are prepared as the front end has roads to prepare them with.
+
+    What goes wrong with a frame is raised when its turn comes.
+    """
+    coming = iter(range(start, stop))
+    read: deque[Future[StereoFrame]] = deque()
     waiting: deque[Future[tuple[StereoFrame, Prepared | None]]] = deque()
+    reader = ThreadPoolExecutor(1, thread_name_prefix="prefetch")
     pool = ThreadPoolExecutor(len(front_end.pasts) - 1, thread_name_prefix="prepare")
 
+    def read_on() -> None:
+        if (index := next(coming, None)) is not None:
+            read.append(reader.submit(source.__getitem__, index))
+
+    def prepared(frame: Future[StereoFrame], past: Extrinsics | None) -> tuple[StereoFrame, Prepared | None]:
+        return frame.result(), front_end.prepare(frame.result(), past)
+
     def begin(past: Extrinsics | None) -> None:
-        try:
-            frame = next(frames)
-        except StopIteration:
-            return
-        except StereoCalibError as error:  # of a frame whose turn has not come
-            waiting.append(Future())
-            waiting[-1].set_exception(error)
-            return
-        waiting.append(pool.submit(lambda: (frame, front_end.prepare(frame, past))))
+        if read:
+            waiting.append(pool.submit(prepared, read.popleft(), past))
+            read_on()
 
     with one_thread_each():
         try:
+            for _ in range(READ_AHEAD):
+                read_on()
             for past in front_end.pasts:
                 begin(past)
             while waiting:
-                frame, prepared = waiting.popleft().result()
-                look = front_end.look(frame, prepared)
+                frame, seen = waiting.popleft().result()
+                look = front_end.look(frame, seen)
                 begin(front_end.pasts[-1])
                 yield frame, look
         finally:
+            reader.shutdown(wait=False, cancel_futures=True)
             # what is being prepared reads pictures that whoever closes this may take away
             pool.shutdown(wait=True, cancel_futures=True)
