@@ -88,6 +88,24 @@ def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadSt
     assert stage_table.extent("u-disparity", looked) == (CAMERA.width, 96.0)
 
 
+@pytest.mark.parametrize("name", list(STAGES))
+def test_a_small_picture_shows_what_the_large_one_does(
+    name: str, seen: tuple[StereoFrame, RoadStages]
+) -> None:
+    """Lines too: a small v-disparity has its profile where the large one has it."""
+    looked = Seen(*seen, CAMERA, TRUTH)
+    large, small = stage_table.draw(name, looked), stage_table.draw(name, looked.shrunk(2))
+    assert abs(small.shape[1] - large.shape[1] // 2) <= 1
+    for color in (palette.HORIZON, palette.ROAD):
+        centres = []
+        for picture in (large, small):
+            rows, columns = np.nonzero(np.abs(picture.astype(int) - color).max(axis=2) < 60)
+            centres.append((len(rows), rows.sum() / picture.shape[0], columns.sum() / picture.shape[1]))
+        (most, *whole), (few, *part) = centres
+        if most > 400:
+            np.testing.assert_allclose(np.array(part) / few, np.array(whole) / most, atol=0.02)
+
+
 def test_the_sheet_holds_every_stage_where_it_says(seen: tuple[StereoFrame, RoadStages]) -> None:
     sheet, places = contact_sheet(list(STAGES), Seen(*seen, CAMERA, TRUTH))
     assert [place.name for place in places] == list(STAGES)

@@ -42,9 +42,14 @@ def page(hub: Hub, browser: Any) -> Iterator[Any]:
 def _put_back(hub: Hub, page: Any) -> None:
     hub.shared.playback.play(False)
     hub.shared.change(layout="left image", preset="Inspect")
-    hub.shared.playback.seek(0)
     page.get_by_role("button", name="Whole drive").evaluate("b => b.click()")
-    until(lambda: shown_frame(page) == 0, what="frame 0")
+
+    def back() -> bool:
+        # A click of the test before may still be on its way.
+        hub.shared.playback.seek(0)
+        return shown_frame(page) == 0
+
+    until(back, what="frame 0")
 
 
 def box_of(page: Any) -> dict[str, float]:

@@ -22,6 +22,8 @@ from stereocalib_core.geometry import (
 
 CLASS_COLORS = (palette.PAPER, palette.FREE, palette.ROAD, palette.OBSTACLE)
 _GRID_Z = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)
+LEAST_LABEL_PX = 14
+"""Smaller letters cannot be read; the picture is too small for them."""
 _GRID_X = (-3.5, -1.75, 0.0, 1.75, 3.5)
 
 
@@ -55,6 +57,7 @@ def draw_road(
 ) -> None:
     """The road grid, the horizon and the direction of travel on a picture of the camera's shape. In place."""
     scale = picture.shape[1] / camera.width
+    size_px = min(20, picture.shape[1] // 32)
     z_line = np.geomspace(_GRID_Z[0], _GRID_Z[-1], 24)
     for x in _GRID_X:
         points = np.stack([np.full_like(z_line, x), np.zeros_like(z_line), z_line], axis=1)
@@ -63,14 +66,14 @@ def draw_road(
     for z in _GRID_Z:
         ends = road_to_image(camera, extrinsics, np.array([[_GRID_X[0], 0, z], [_GRID_X[-1], 0, z]]))[:, :2]
         canvas.polyline(picture, _scaled(ends, scale), color, 1)
-        if labels and z in (5.0, 10.0, 20.0):
+        if labels and size_px >= LEAST_LABEL_PX and z in (5.0, 10.0, 20.0):
             x_px, y_px = _scaled(ends, scale)[1]
-            canvas.put_label(picture, f"{z:g} m", int(x_px) + 8, int(y_px) - 14)
+            canvas.put_label(picture, f"{z:g} m", int(x_px) + 8, int(y_px) - 14, size_px=size_px)
     slope, row = horizon(camera, extrinsics)
     u = np.array([0.0, camera.width - 1.0])
     line = np.stack([u, row + slope * (u - camera.cx_px)], axis=1)
     horizon_color = palette.HORIZON if labels else color
-    canvas.polyline(picture, _scaled(line, scale), horizon_color, 3)
+    canvas.polyline(picture, _scaled(line, scale), horizon_color, 3 if picture.shape[1] > 800 else 2)
     u_vp, v_vp = vanishing_point_of_travel(camera, extrinsics)
     x_px, y_px = _scaled(np.array([u_vp, v_vp]), scale)
     if 0 <= x_px < picture.shape[1] and 0 <= y_px < picture.shape[0]:

@@ -32,6 +32,8 @@ class Seen:
     """Draws what a lesson explains on the left image."""
     histogram_px: int = 1200
     """Width of a histogram: its cells are larger than pixels, so that their counts can be seen."""
+    measured: StereoCamera | None = None
+    """The camera that the stages speak of, where `camera` is one of larger pixels."""
 
     def shrunk(self, by: int) -> Seen:
         """The same through a camera whose pixels are `by` times as large, for a picture that is small; without what
@@ -41,7 +43,9 @@ class Seen:
         left, right = (_means(picture, by) for picture in (self.frame.left, self.frame.right))
         frame = replace(self.frame, left=left, right=right)
         width = self.histogram_px // by
-        return replace(self, frame=frame, camera=self.camera.shrunk(by), marks=None, histogram_px=width)
+        camera = self.camera.shrunk(by)
+        measured = self.measured or self.camera
+        return replace(self, frame=frame, camera=camera, marks=None, histogram_px=width, measured=measured)
 
 
 def _means(picture: NDArray[np.uint8] | None, by: int) -> NDArray[np.uint8] | None:
@@ -93,7 +97,8 @@ def _u_disparity(seen: Seen) -> Picture:
 def _v_disparity(seen: Seen) -> Picture:
     assert seen.stages is not None
     width = seen.histogram_px
-    return histograms.v_disparity_view(seen.stages, seen.camera, width, int(width * 0.62), seen.live)
+    camera = seen.measured or seen.camera
+    return histograms.v_disparity_view(seen.stages, camera, width, int(width * 0.62), seen.live)
 
 
 def _difference(seen: Seen) -> Picture:

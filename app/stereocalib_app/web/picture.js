@@ -1,5 +1,5 @@
 // The picture of the stage on show: native resolution, zoom and pan without the server, and what is under the pointer.
-import { known, listen, send } from './link.js';
+import { flat, known, listen, send } from './link.js';
 
 let disparity = null, asked = -1;
 listen('disparity', ({ head, body }) => { disparity = { ...head, values: new Uint16Array(body) }; });
@@ -86,7 +86,7 @@ class Picture extends HTMLElement {
     const { large, head } = known.picture || {};
     if (!large) return;
     const whole = new OffscreenCanvas(large.width, large.height);
-    whole.getContext('2d').drawImage(large, 0, 0);
+    whole.getContext('2d', flat).drawImage(large, 0, 0);
     whole.convertToBlob({ type: 'image/png' }).then(blob => {
       const link = document.createElement('a'), name = (known.page ? known.page.name : 'drive').replace(/[^\w.-]+/g, '_').slice(0, 60);
       link.href = URL.createObjectURL(blob);
@@ -192,7 +192,7 @@ class Picture extends HTMLElement {
     head.thumbs.forEach(([name, x, y, w, h], i) => {
       const button = this.thumbs.children[i], small = button.firstChild;
       if (small.width !== w || small.height !== h) { small.width = w; small.height = h; }
-      small.getContext('2d').drawImage(sheet, x * k, y * k, w * k, h * k, 0, 0, w, h);
+      small.getContext('2d', flat).drawImage(sheet, x * k, y * k, w * k, h * k, 0, 0, w, h);
       button.setAttribute('aria-pressed', String(known.now ? known.now.layout === name : false));
     });
   }
@@ -214,7 +214,7 @@ class Picture extends HTMLElement {
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width; this.canvas.height = height; this.canvas.style.height = `${this.h}px`;
     }
-    const g = this.canvas.getContext('2d'), k = this.base() * this.zoom * ratio;
+    const g = this.canvas.getContext('2d', flat), k = this.base() * this.zoom * ratio;
     g.setTransform(1, 0, 0, 1, 0, 0); g.fillStyle = '#181b1f'; g.fillRect(0, 0, width, height);
     g.imageSmoothingEnabled = k < 3;
     g.setTransform(k, 0, 0, k, width / 2 - this.at[0] * large.width * k, height / 2 - this.at[1] * large.height * k);

@@ -1,5 +1,5 @@
 // The time line: rows of signals over the frames, drawn by ourselves so that a click leads to its frame.
-import { known, listen, send, tell } from './link.js';
+import { flat, known, listen, send, tell } from './link.js';
 
 const RULER = 18, MAP = 24, LEFT = 46, RIGHT = 8, LEAST_MARK = 3;
 // Rows are lower in a low window, so that the map of the whole drive stays in sight.
@@ -173,7 +173,7 @@ class TimeLine extends HTMLElement {
     this.h = RULER + this.step * Math.max(1, rows) + MAP;
     for (const c of [this.canvas, this.base]) { c.width = this.w * ratio; c.height = this.h * ratio; }
     this.canvas.style.height = `${this.h}px`;
-    const g = this.base.getContext('2d');
+    const g = this.base.getContext('2d', flat);
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
     const style = getComputedStyle(this);
     this.ink = style.getPropertyValue('--mantine-color-text').trim() || '#ddd';
@@ -316,7 +316,7 @@ class TimeLine extends HTMLElement {
 
   compose() {
     if (!this.fresh || Math.max(160, this.canvas.clientWidth) !== this.w) this.paint();
-    const ratio = window.devicePixelRatio || 1, g = this.canvas.getContext('2d');
+    const ratio = window.devicePixelRatio || 1, g = this.canvas.getContext('2d', flat);
     g.setTransform(1, 0, 0, 1, 0, 0); g.clearRect(0, 0, this.canvas.width, this.canvas.height);
     g.drawImage(this.base, 0, 0);
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
