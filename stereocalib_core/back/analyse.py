@@ -131,6 +131,10 @@ def analyse_openly(
     truth = None if ground_truth is None else ground_truth.poses
     rows = summarise(camera, results, config.rectification)
     pair = calibrate_pair(camera, results, tracks, rows, truth, height_m, config)
+    lidar = _lidar(camera, results, best.poses, shifts, pair, config)
+    if lidar is not None and lidar.shifts:
+        # a LiDAR that is not where it was calibrated sees other things than the pixels it is laid over
+        pair = calibrate_pair(camera, results, tracks, rows, truth, height_m, config, lidar_stands=False)
     drive = Drive(
         frames=frames,
         method=config.method,
@@ -140,7 +144,7 @@ def analyse_openly(
         paths=_judged(paths, ground_truth, config.odometry.min_measured),
         gaps=frames.gaps(best.measured),
         shifts=shifts,
-        lidar=_lidar(camera, results, best.poses, shifts, pair, config),
+        lidar=lidar,
         causes=find_causes(results, config.causes),
         config=config,
     )

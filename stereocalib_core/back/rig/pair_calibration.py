@@ -51,11 +51,13 @@ def calibrate_pair(
     truth: Array | None,
     height_m: float | None,
     config: PipelineConfig,
+    lidar_stands: bool = True,
 ) -> Pair:
     """The pair over a drive.
 
     tracks: of `results`, for where motions start. rows: what the rows say, `pair.summarise`. truth: (N, 4, 4) poses of
     a truth or a GNSS, NaN = unknown, or None. height_m: of the camera over the road, for what a bend does to it.
+    lidar_stands: whether the LiDAR is where it was calibrated to be; another one gives no scale.
     """
     block, active = stereo_tracks(camera, results), np.asarray(tracks.active)
     changes, (first, last) = _changes(block, results, tracks.stereo_motion, active, rows, config)
@@ -68,7 +70,9 @@ def calibrate_pair(
     roll_pitch = (rows.relative_roll_rad or ZERO, rows.relative_pitch_rad or ZERO)
     yaw = relative_yaw(block, tracks.stereo_motion, moving, roll_pitch, config.pair)
     offset = _offset(yaw, camera)
-    lidar = _by_lidar(camera, results, inside, tracks.stereo_motion, roll_pitch, config)
+    lidar = (
+        _by_lidar(camera, results, inside, tracks.stereo_motion, roll_pitch, config) if lidar_stands else None
+    )
     scale = _scale(camera, yaw.solution, lidar, offset, truth, config)
     found = dataclasses.replace(
         rows,

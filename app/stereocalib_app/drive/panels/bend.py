@@ -90,6 +90,7 @@ def paths_svg(straight: Array, now: Array) -> str:
     # the longer side lies along the picture
     along = (1, 0) if size[1] >= size[0] else (0, 1)
     scale = min((MAP_PX[0] - 20) / size[along[0]], (MAP_PX[1] - 20) / size[along[1]])
+    height = 20.0 + size[along[1]] * scale
     lines = ""
     for places, colour, width in ((known[0], STRAIGHT, 4), (known[1], BENT, 2)):
         at = 10.0 + (places - low)[:, list(along)] * scale
@@ -99,7 +100,7 @@ def paths_svg(straight: Array, now: Array) -> str:
         )
     label = "Path from above, as recorded (thick) and bent (thin)"
     return (
-        f'<svg role="img" aria-label="{label}" viewBox="0 0 {MAP_PX[0]} {MAP_PX[1]}" style="width:100%">{lines}</svg>'
+        f'<svg role="img" aria-label="{label}" viewBox="0 0 {MAP_PX[0]} {height:.0f}" style="width:100%">{lines}</svg>'
         + note(f"{label}.")
     )
 

@@ -94,7 +94,8 @@ def rows_picture(camera: StereoCamera, pair: Pair) -> str:
     style = f"display:grid;grid-template-columns:repeat({field.shape[1]},1fr);{shape}"
     largest = float(np.abs(field).max())
     label = html.escape(f"rows of right against left over the picture, up to {largest:.2f} px apart")
-    return f'<div style="font-size:0.85em">{label}</div><div style="{style}">{cells}</div>'
+    inset = "margin:0.3em 0.7em"
+    return f'<div style="font-size:0.85em;{inset}">{label}</div><div style="{style};{inset}">{cells}</div>'
 
 
 def _shade(value: float) -> str:
