@@ -38,7 +38,6 @@ from stereocalib_core.boards.solve import (
     dual_space,
     mismatch,
     mismatch_covariance,
-    split_covariance,
 )
 from stereocalib_core.boards.variance_components import (
     SCALE_IS_STATED,
@@ -192,7 +191,9 @@ def _finish(
         problem = joint_problem(kept, board, camera, noise)
         boards = np.array([o.T_camera_board for o in kept])
         refined = refine(problem, JointState(linear, boards, camera), Free(extrinsics=False))
-        covariance = split_covariance(refined.covariance, linear)
+        # What beams and ruler leave open counts here most of all: these boards hardly see a direction.
+        beams = _beams_of(kept, board, camera, noise, pairs, linear)
+        covariance = covariance_with_doubt(problem, refined, 1.0, None, beams)
     else:
         problem, refined, scale, beams = _joint(kept, board, camera, noise, linear, with_intrinsics)
         if with_intrinsics:

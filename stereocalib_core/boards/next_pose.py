@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stereocalib_core.boards.beams import beams_of
 from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.chessboard import corner_residuals, plane_of_board
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
@@ -90,13 +91,14 @@ def next_pose(
     J = split_jacobian(result.T_camera_lidar)
     information = np.linalg.pinv(result.covariance, hermitian=True)
     spread = _lidar_spread(kept)
-    band = _elevations(kept)
+    band, rows = _elevations(kept), _rows_at_one_metre(kept)
     best: tuple[float, Array, Array] | None = None
     for T in _poses(kept, result, board):
         seen = _as_seen(T, result, board, spread, band)
         if seen is None:
             continue
-        pair = with_plane_errors(PlanePairs.of([seen[0]], [seen[1]]), *_plane_sigma(result))
+        whole = _plane_sigma(result, board, rows / float(np.linalg.norm(T[:3, 3])))
+        pair = with_plane_errors(PlanePairs.of([seen[0]], [seen[1]]), *whole)
         z, D = mismatch(pair, result.T_camera_lidar)
         D = D[0] @ np.linalg.inv(J)
         added = D.T @ np.linalg.solve(mismatch_covariance(pair, result.T_camera_lidar)[0], D)
@@ -115,10 +117,36 @@ def next_pose(
     return NextPose(T, distance, tilt, place, (camera.width, camera.height), before, after)
 
 
-def _plane_sigma(result: Calibration) -> tuple[float, float]:
-    """A new board is trusted no better than a common one, even where this set shows no error of whole planes."""
+def _plane_sigma(result: Calibration, board: BoardSpec, rows: float) -> tuple[float, float]:
+    """Tilt [rad] and offset [m] of a new board's whole plane, 1 sigma, when so many rows of a LiDAR meet it.
+
+    It is trusted no better than a common one, even where this set shows no error of whole planes; each row brings its
+    beam's own range error, which K rows evenly over a height h turn into a slope of sqrt(12 / K) / h and a mean of
+    1 / sqrt(K) times as much.
+    """
     tilt, offset = result.plane_sigma
-    return max(tilt, NEXT_POSE.least_tilt_rad), max(offset, NEXT_POSE.least_offset_m)
+    rows = max(rows, NEXT_POSE.least_rows)
+    by_beams = result.beam_sigma_m / np.sqrt(rows)
+    tilt = max(tilt, NEXT_POSE.least_tilt_rad)
+    return (
+        float(np.hypot(tilt, np.sqrt(12.0) * by_beams / board.short_side_m)),
+        float(np.hypot(max(offset, NEXT_POSE.least_offset_m), by_beams)),
+    )
+
+
+def _rows_at_one_metre(kept: Sequence[PairObservation]) -> float:
+    """How many rows would meet a board 1 m away; many, for a LiDAR whose points lie in none."""
+    points = np.concatenate([o.points_lidar for o in kept])
+    owner = beams_of(points / np.linalg.norm(points, axis=1, keepdims=True)) if len(points) else None
+    if owner is None:
+        return float(len(points))
+    ends = np.cumsum([len(o.points_lidar) for o in kept])[:-1]
+    rows = [
+        len(np.unique(own)) * float(np.linalg.norm(o.lidar_plane.center))
+        for o, own in zip(kept, np.split(owner, ends), strict=True)
+        if o.lidar_plane is not None
+    ]
+    return float(np.median(rows))
 
 
 def _poses(kept: Sequence[PairObservation], result: Calibration, board: BoardSpec) -> Iterator[Array]:

@@ -280,6 +280,8 @@ class NextPoseConfig:
     """How far above and below the boards of this set a LiDAR is thought to see: two rings of the sparsest."""
     least_tilt_rad: float = math.radians(0.1)
     least_offset_m: float = 0.001
+    least_rows: float = 2.0
+    """Two rows are the fewest that show a tilt at all."""
     rest_weight: float = 0.02
     """Of the other sigmas in the choice: it decides between poses that mend the worst one alike."""
 
