@@ -171,18 +171,18 @@ def _one_rig(
 ) -> tuple[Sequence[FrameResult], FilteredExtrinsics, FilteredExtrinsics]:
     """The results without frames that contradict the others; the filter over all, and the smoother without them.
 
-    The filter knows nothing of later frames, and so not which ones will turn out to contradict.
+    The filter knows nothing of later frames, and so not which ones will turn out to contradict. Every round leaves out
+    at least one frame or is the last: no frame that is ok in the end contradicts the smoothed rig of the end.
     """
     filtered, smoothed = filter_drive(results, camera, config)
     kept: Sequence[FrameResult] = consistent(results, config.consistency)
-    for _ in range(config.consistency.rounds):
+    while True:
         if sum(r.ok for r in kept) < sum(r.ok for r in results):
             results = kept
             _, smoothed = filter_drive(results, camera, config)
         kept = near_smoothed(results, smoothed.values, config.consistency)
         if sum(r.ok for r in kept) == sum(r.ok for r in results):
-            break
-    return results, filtered, smoothed
+            return results, filtered, smoothed
 
 
 def _judged(

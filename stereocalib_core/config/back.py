@@ -229,11 +229,15 @@ class ConsistencyConfig:
     pitch_deg: float = 2.5
     roll_deg: float = 3.5
     """The same of pitch and roll [deg]: braking turns a body by one, crests and crossfalls of crossings by the rest."""
-    near_height: float = 0.085
-    near_angle_deg: float = 1.48
-    """The same against the smoothed rig of that very moment, which knows of crests and crossfalls."""
     sigmas: float = 4.0
     """... and by so many of the frame's own sigma as well."""
+    near_height: float = 0.09
+    near_height_m: float = 0.148
+    near_angle_deg: float = 1.48
+    near_sigmas: float = 3.95
+    """The same against the smoothed rig of that very moment, which knows of crests and crossfalls; height by the lesser
+    of both. Nothing on springs differs from its own neighbours by 0.15 m or 1.5 deg; a little less is asked, so that
+    what files round still fulfils it."""
     window: int = 40
     """Frames of either side that are asked: 4 s, longer than a turn shows another road."""
     reach: int = 80
@@ -243,6 +247,7 @@ class ConsistencyConfig:
     least_frames: int = 5
     """Fewer around in all say nothing."""
     rounds: int = 4
+    """How often the frames left are asked again about those left out. Numerical."""
 
 
 @dataclass(frozen=True, config=STRICT)

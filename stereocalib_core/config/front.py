@@ -85,7 +85,8 @@ class RegionConfig:
     """A cell is on the plane within this height, or this share of the camera's, whichever is less (kerbs are 0.1 m);"""
     tolerance_noise: float = 2.0
     """... but at least within so many sigmas of the matcher."""
-    below_weight: float = 0.5
+    below_weight: float = 0.35
+    """What a cell below a candidate plane takes away, of what one on it adds: a road has only mismatches below."""
     past_height: float = 0.06
     past_pitch_rad: float = 0.0175
     past_roll_rad: float = 0.0227
@@ -212,11 +213,13 @@ class DirectConfig:
     further_unseen_m: float = 0.004
     """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
     the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
-    other_side_rad: float = 0.0524
-    """1 sigma of roll (3 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
-    share: roads are crowned by up to 5 % to either side. Tuned on the snowy street of Karlsruhe, checked on LiDAR."""
-    turning_roll_rad: float = 0.0131
-    """1 sigma of roll (0.75 deg) added where the lane is that of a turn: one road's crossfall or another's."""
+    other_side_rad: float = 0.05
+    """1 sigma of roll (2.9 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
+    share. Physics: roads fall by 2.5 % to either side of their crown (RAS-Q, AASHTO: 2 to 2.5 %), 5 % from one side to
+    the other. The cube: tuned on the snowy street of Karlsruhe, checked on the LiDAR of another city."""
+    turning_roll_rad: float = 0.0144
+    """1 sigma of roll (0.83 deg) added where the lane is that of a turn. Physics: a crossfall of 2.5 % to either side,
+    and anything between, evenly."""
     min_patches: int = 40
     agree_height_m: float = 0.06
     rough_range: float = 2.0

@@ -54,14 +54,18 @@ def near_smoothed(
     results: Sequence[FrameResult], smoothed: Array, config: ConsistencyConfig
 ) -> list[FrameResult]:
     """The same against (N, 3) height [m], pitch, roll [rad] of the smoothed rig at each frame."""
-    near = dataclasses.replace(
-        config, height=config.near_height, pitch_deg=config.near_angle_deg, roll_deg=config.near_angle_deg
-    )
     checked = list(results)
     for i, result in enumerate(results):
         if result.road is None or not np.isfinite(smoothed[i]).all():
             continue
         value, sigma = estimates([result]), result.road.sigma[None]
+        near = dataclasses.replace(
+            config,
+            height=min(config.near_height, config.near_height_m / smoothed[i, 0]),
+            pitch_deg=config.near_angle_deg,
+            roll_deg=config.near_angle_deg,
+            sigmas=config.near_sigmas,
+        )
         if _contradicts(value - smoothed[i], sigma, smoothed[i, :1], near)[0]:
             detail = _told(value[0], smoothed[i], sigma[0], near)
             checked[i] = dataclasses.replace(

@@ -36,6 +36,10 @@ _HIGH_M, _RISING_M, _RISING_BINS = 0.2, 0.1, 2
 """A rise ends above the first, higher than any kerb, with so many bins above the second."""
 _LOW_M = 0.07
 """Nothing but a road lies so far below the plane."""
+_KERB_M = 0.09
+"""Higher than a hump in the road, lower than a kerb."""
+_HUMP_M, _HUMP_BINS = 0.025, 2
+"""So many neighbouring bins so far off the plane are a hump or a dip: the matcher's own waves are half as high."""
 
 
 @njit(cache=True, nogil=True)
@@ -127,6 +131,25 @@ def _walk(surface: Array) -> list[int]:
     return path
 
 
+def _below_kerb(path: list[int], surface: Array) -> list[int]:
+    """The path as far as it is no higher than a hump: what is higher and yet no ramp is a pavement."""
+    ends = [n for n, k in enumerate(path) if surface[k] > _KERB_M]
+    return path[: ends[0]] if ends else path
+
+
+def _uneven(path: list[int], surface: Array) -> bool:
+    """Whether the path has a hump or a dip, which the plane leaves out and the lane as a whole does not."""
+    if not path:
+        return False
+    off = np.zeros(len(surface))
+    off[path] = surface[path] - np.median(surface[path])
+    for sign in (1.0, -1.0):
+        high = sign * off >= _HUMP_M
+        if any(high[k : k + _HUMP_BINS].all() for k in range(len(high) - _HUMP_BINS + 1)):
+            return True
+    return False
+
+
 def bend_ahead(
     disparity: DisparityMap,
     free: NDArray[np.bool_],
@@ -156,13 +179,16 @@ def bend_ahead(
     height = surface[path]
     up = len(path) > 2 and height.max() > _HIGH_M and np.count_nonzero(height > _RISING_M) >= _RISING_BINS
     down = len(path) > 2 and height.min() < -_LOW_M
-    if not (up or down):
-        return 0.0, 0.0
     at = np.arange(bins)
-    whole = np.interp(at, path, height, left=0.0)
-    last, before = path[-1], path[-2]
-    slope = (surface[last] - surface[before]) / (last - before)
-    whole[last:] = surface[last] + slope * (at[last:] - last)
+    if up or down:
+        whole = np.interp(at, path, height, left=0.0)
+        last, before = path[-1], path[-2]
+        slope = (surface[last] - surface[before]) / (last - before)
+        whole[last:] = surface[last] + slope * (at[last:] - last)
+    elif _uneven(path := _below_kerb(path, surface), surface):
+        whole = np.interp(at, path, surface[path], left=0.0, right=0.0)
+    else:
+        return 0.0, 0.0
     z = config.near_m + (at + 0.5) * _BIN_M
     rise, offset = np.polyfit(z, whole, 1)
     return -float(offset), float(np.arctan(rise))

@@ -157,7 +157,9 @@ def _score(
             q = z[i] / length
             w = weight[i] / (1.0 + q * q * q * q)
             if e > -tolerance:
-                total += w
+                # a compromise between road and pavement has many cells near it, the road itself has them on it
+                on = 1.0 - (e / tolerance) ** 2
+                total += on * on * w
             else:
                 total -= scale[4] * w
         # area in the picture becomes area of road: a lower camera sees it flatter

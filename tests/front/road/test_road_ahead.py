@@ -65,6 +65,19 @@ def test_a_crest_goes_on_out_of_sight() -> None:
     assert pitch_rad == pytest.approx(true_pitch_rad, rel=0.4)
 
 
+@pytest.mark.parametrize("at_m", [10.0, 14.0, 17.0])
+def test_a_hump_that_the_plane_leaves_out_is_told_as_the_plane_of_the_whole_lane(at_m: float) -> None:
+    """A speed hump, 6 cm high and 3.6 m long."""
+
+    def hump(x: np.ndarray, z: float) -> np.ndarray:
+        return np.full_like(x, 0.03 * (1.0 + np.cos(2 * np.pi * min(abs(z - at_m) / 3.6, 0.5))))
+
+    height_m, pitch_rad = bend_ahead(*seen(hump), CAMERA, NEAR, LANE)
+    true_height_m, true_pitch_rad = whole_lane(hump)
+    assert height_m == pytest.approx(true_height_m, abs=0.006)
+    assert pitch_rad == pytest.approx(true_pitch_rad, abs=np.deg2rad(0.04))
+
+
 @pytest.mark.parametrize(
     "surface",
     [

@@ -1,0 +1,53 @@
+"""No frame that is ok contradicts the rig of the end, whatever the frames say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stereocalib_core.back.analyse import analyse
+from stereocalib_core.back.rig.consistency import near_smoothed
+from stereocalib_core.config import ConsistencyConfig, PipelineConfig
+from stereocalib_core.errors import FailureReason
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import FrameResult, RoadEstimate
+
+CAMERA = StereoCamera(1226, 370, 707.0912, 601.8873, 183.1104, 0.53715)
+SIGMA = np.array([0.004, *np.deg2rad([0.03, 0.06])])
+
+
+def results_of(values: np.ndarray) -> list[FrameResult]:
+    """Frames that say `values` (N, 3) height [m], pitch, roll [rad], all equally sure."""
+    covariance = np.diag(SIGMA**2)
+    return [
+        FrameResult(
+            i, 0.1 * i, RoadEstimate(Extrinsics(*map(float, v)), covariance, 1000, 0.5, (4.0, 20.0)), None
+        )
+        for i, v in enumerate(values)
+    ]
+
+
+@pytest.mark.parametrize("height_m", [0.4, 1.65, 3.2])
+def test_no_frame_that_is_ok_is_far_from_the_smoothed_rig(height_m: float) -> None:
+    """A third of the frames is anywhere, in runs long enough to pull the smoother along."""
+    rng = np.random.default_rng(2)
+    values = np.tile([height_m, 0.01, -0.005], (240, 1)) + rng.normal(0, SIGMA, (240, 3))
+    for first in range(15, 240, 30):
+        values[first : first + 10] += rng.normal(0, [0.25 * height_m, 0.06, 0.08], 3)
+    drive = analyse(results_of(values), CAMERA, PipelineConfig())
+    ok = drive.frames.ok
+    assert 100 <= ok.sum() < 240
+    off = np.abs(values - drive.frames.smoothed)[ok]
+    far = (off > [0.15, *np.deg2rad([1.5, 1.5])]) & (off > 4.0 * SIGMA)
+    assert not far.any()
+
+
+def test_what_is_left_out_says_by_how_much() -> None:
+    values = np.tile([1.65, 0.01, -0.005], (3, 1))
+    values[1, 0] += 0.16
+    smoothed = np.tile([1.65, 0.01, -0.005], (3, 1))
+    checked = near_smoothed(results_of(values), smoothed, ConsistencyConfig())
+    assert [r.ok for r in checked] == [True, False, True]
+    failure = checked[1].failure
+    assert failure is not None and failure.reason is FailureReason.INCONSISTENT
+    assert "+0.16 m, 40 sigma" in failure.detail
