@@ -132,8 +132,8 @@ def _score(
 ) -> Array:
     """(K,) area on each plane near the car, less what lies below it.
 
-    scale: tolerance of height [m] and of the camera's height, [noise], near length and reach in near ends, far limits
-    as in `sight.reach_of`, weight of below.
+    scale: tolerance of height [m] and of the camera's height, [noise], near length in near ends, weight of below, the far
+    limits of `sight.reach_of`, and how far below the plane [m] a cell tells against it.
     """
     scores = np.full(len(planes), -np.inf)
     for k in range(len(planes)):
@@ -146,13 +146,15 @@ def _score(
         far = max(min(fb * scale[5] / noise, scale[7]), scale[6] * near)
         length = scale[3] * near
         height_tolerance = min(scale[0], scale[1] * height) / height
+        below_tolerance = min(scale[8], scale[1] * height) / height
         total = 0.0
         for i in range(len(u)):
             if z[i] > far or z[i] < 0.8 * near:
                 continue
             e = d[i] - (a * v[i] + bu * u[i] + c)
-            tolerance = max(height_tolerance * d[i], scale[2] * noise)
-            if e > tolerance:
+            least = scale[2] * noise
+            tolerance = max(height_tolerance * d[i], least)
+            if e > tolerance or (e <= -tolerance and e > -max(below_tolerance * d[i], least)):
                 continue
             q = z[i] / length
             w = weight[i] / (1.0 + q * q * q * q)
@@ -173,8 +175,9 @@ def weigh(
     """(K,) scores of planes (K, 3) A, B, C; -inf for what is no plane in front of the camera."""
     scale = np.array(
         [
-            config.tolerance_m, config.tolerance_of_height, config.tolerance_noise, config.near_length,
+            config.candidate_tolerance_m, config.tolerance_of_height, config.tolerance_noise, config.near_length,
             config.below_weight, sight.most_noise, sight.least_reach, sight.lane_far_m,
+            config.tolerance_m,
         ]
     )  # fmt: skip
     return _score(
