@@ -94,9 +94,9 @@ class RegionConfig:
     past_height: float = 0.035
     past_pitch_rad: float = 0.0175
     past_roll_rad: float = 0.0227
-    """How far a rig's own road lies from that of a moment ago, 1 sigma: the body's swing with the road's own shape, half a
-    degree of which over the 6 m to the near road is 3.5 % of the height. Chosen with `below_weight` on Karlsruhe, 03,
-    0005 and a rendered turn of seed 5; judged on other seeds and drives."""
+    """How far a rig's own road lies from that of a moment ago, 1 sigma: the body's swing with the road's own shape,
+    half a degree of which over the 6 m to the near road is 3.5 % of the height. Chosen with `below_weight` on
+    Karlsruhe, 03, 0005 and a rendered turn of seed 5; judged on other seeds and drives."""
     past_frames: int = 15
     """The road of a moment ago is the median of so many frames (1.5 s at 10 Hz: longer than the body swings)..."""
     least_past: int = 3

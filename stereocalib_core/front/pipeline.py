@@ -267,21 +267,26 @@ class FrontEnd:
             if frame.left is not None and frame.right is not None:
                 self._previous = (frame.left, frame.right)
         for result, remembered in done:
-            if remembered.tracked == result.frame:
-                if result.road is not None:
-                    self._road = result.road.extrinsics
-                    self._past.append(self._road)
-                if result.frame == memory.tracked:
-                    self._retrack(seen[result.frame], result)
-                heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
-                if heading is not None:
-                    self._headings.append(heading)
-            self._pasts.append(self._past_road())
+            past = self._pasts[0]
+            self._replay(result, remembered)
+            if result.frame == memory.tracked == remembered.tracked:
+                self._retrack(seen[result.frame], result, past)
         self._tracker = dataclasses.replace(self._tracker, motion=memory.motion)
 
-    def _retrack(self, frame: StereoFrame, result: FrameResult) -> None:
-        """Start the tracks again at a pair whose road is known."""
-        prepared = self.prepare(frame, self._pasts[0])
+    def _replay(self, result: FrameResult, remembered: FrontEndMemory) -> None:
+        """What the frames after it keep of a frame."""
+        if remembered.tracked == result.frame:
+            if result.road is not None:
+                self._road = result.road.extrinsics
+                self._past.append(self._road)
+            heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
+            if heading is not None:
+                self._headings.append(heading)
+        self._pasts.append(self._past_road())
+
+    def _retrack(self, frame: StereoFrame, result: FrameResult, past: Extrinsics | None) -> None:
+        """Start the tracks again at a pair whose road is known. past: what it was prepared with."""
+        prepared = self.prepare(frame, past)
         assert prepared is not None and frame.left is not None and frame.right is not None
         disparity = prepared.begun.disparity
         assert disparity is not None
@@ -290,15 +295,27 @@ class FrontEnd:
         )
         self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
 
-    def stages(self, frame: StereoFrame, past: Extrinsics | None = None) -> RoadStages | None:
+    def stages(
+        self, frame: StereoFrame, before: Sequence[tuple[FrameResult, FrontEndMemory]] = ()
+    ) -> RoadStages | None:
         """Every intermediate picture of one pair, for display; None where there is no disparity to show.
 
-        past: the road that the rig stood on, where it is known: it says which of several planes is the road.
+        before: the frames before it, as in `recall`: the pair is then seen as the drive saw it.
         """
-        if frame.left is None or frame.right is None or frame.failure is not None:
+        left, right, config = frame.left, frame.right, self.config
+        if left is None or right is None or frame.failure is not None:
             return None
-        road = estimate_road(frame.left, frame.right, self.camera, self.config, self.matcher, Hint(past))
-        return road_stages(road, self.config)
+        if not before or not self._is_mine(frame):
+            road = estimate_road(left, right, frame.camera or self.camera, config, self.matcher)
+            return road_stages(road, config)
+        drive = FrontEnd(self.camera, config, self.matcher, self.T_camera_lidar)
+        for result, remembered in before:
+            drive._replay(result, remembered)
+        drive._tracker = TrackerState(motion=before[-1][1].motion)
+        prepared = drive.prepare(frame, drive._pasts[0])
+        assert prepared is not None
+        road = finish_road(prepared.begun, left, right, self.camera, config, drive._hint(), compare=True)
+        return road_stages(road, config)
 
 
 def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -34,8 +35,7 @@ class Counting:
 
     @property
     def fine(self) -> int:
-        """Without the coarse map of each pair: of what lies above the horizon, or, where no road is known yet, of
-        the whole picture, to see how near the road comes."""
+        """Without the coarse maps of what lies above the horizon."""
         return self.steps.count(min(self.steps))
 
     def __call__(self, *pair: object, **more: object) -> sc.DisparityMap:
@@ -75,7 +75,7 @@ def test_a_range_of_frames_of_an_open_source() -> None:
 
 def test_a_run_matches_each_pair_once_also_when_it_is_recorded(tmp_path: Path, counting: Counting) -> None:
     run_drive(DRIVE, tmp_path / "run", rrd=True)
-    assert counting.fine == 8 and counting.calls == 16
+    assert counting.fine == 8 and counting.calls <= 16
 
 
 def test_a_page_matches_each_pair_once(counting: Counting) -> None:
@@ -86,7 +86,31 @@ def test_a_page_matches_each_pair_once(counting: Counting) -> None:
     for frame in range(8):
         assert session.views.get(frame, Look("v-disparity")).jpeg
     session.close()
-    assert counting.fine == 8 and counting.calls == 16
+    assert counting.fine == 8 and counting.calls <= 16
+
+
+def test_a_frame_that_is_shown_alone_is_seen_as_the_drive_saw_it() -> None:
+    source, config = sc.open_source("synthetic:curves?frames=8"), sc.PipelineConfig()
+    front_end, done = sc.FrontEnd(source.camera, config), []
+    for i in range(8):
+        done.append((front_end.step(source[i]), front_end.memory))
+    alone = sc.FrontEnd(source.camera, config)
+    shown = alone.stages(source[7], done[:7])
+    assert shown is not None and shown.estimate is not None and done[7][0].road is not None
+    assert shown.estimate.extrinsics == done[7][0].road.extrinsics
+    by_itself = alone.stages(source[7])
+    assert by_itself is not None and by_itself.estimate is not None
+    assert by_itself.estimate.extrinsics != shown.estimate.extrinsics
+    smaller = source.camera.shrunk(2)
+    single = dataclasses.replace(
+        source[7],
+        camera=smaller,
+        left=matching.shrunk(source[7].left, 2),
+        right=matching.shrunk(source[7].right, 2),
+    )
+    own = alone.stages(single, done[:7])
+    assert own is not None and own.estimate is not None
+    assert own.estimate.extrinsics.height_m == pytest.approx(shown.estimate.extrinsics.height_m, abs=0.03)
 
 
 def test_what_is_matched_once_is_what_the_matcher_gives() -> None:
@@ -115,7 +139,7 @@ def test_another_matcher_is_what_the_front_end_sees() -> None:
         roads.append(road.extrinsics)
     assert roads[0] == roads[1]
     expected = roads[0].height_m / (source.camera.baseline_m * source.camera.focal_px)
-    assert abs(roads[2].pitch_rad - roads[0].pitch_rad) == pytest.approx(expected, rel=0.15)
+    assert abs(roads[2].pitch_rad - roads[0].pitch_rad) == pytest.approx(expected, rel=0.10)
 
 
 def test_matchers_that_are_none_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

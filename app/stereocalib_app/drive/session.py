@@ -19,10 +19,11 @@ from stereocalib_app.words.lessons import TURNED, broken_config, turned
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.frames_bin import Done
-from stereocalib_core.frames import FrameSource
+from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.front.matching import MatchedOnce, find_matcher
 from stereocalib_core.front.pipeline import FrontEnd, road_stages
-from stereocalib_core.results import Drive, FrameResult, Timing
+from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.results import Drive, FrameResult, FrontEndMemory, Timing
 from stereocalib_core.run.calibrate import follow
 
 LOG = logging.getLogger(__name__)
@@ -115,13 +116,24 @@ class Session:
         """The computed frames before `frame`, for another session of the same pictures."""
         return self._done[:frame]
 
+    def _before(self, frame: int) -> list[tuple[FrameResult, FrontEndMemory]]:
+        """What the front end remembered when it came to `frame`; nothing where it has not come so far."""
+        before = [d for d in self._done if d.result.frame < frame]
+        known = bool(before) and before[-1].result.frame == frame - 1
+        return [(d.result, d.memory) for d in before] if known else []
+
     def views_with(self, broken_stage: str) -> FrameViews:
         """The views of the drive, or of what a broken stage makes of it."""
         if broken_stage not in self._views:
             front_end = FrontEnd(self.source.camera, broken_config(self.config, broken_stage), self._matcher)
             camera, stages = self.source.camera, front_end.stages
             turn = TURNED.get(broken_stage)
-            make = stages if turn is None else (lambda frame: stages(turned(frame, camera, turn)))
+
+            def make(frame: StereoFrame) -> RoadStages | None:
+                if broken_stage == "":
+                    return stages(frame, self._before(frame.index))
+                return stages(frame if turn is None else turned(frame, camera, turn))
+
             self._views[broken_stage] = FrameViews(self.source, make)
         return self._views[broken_stage]
 

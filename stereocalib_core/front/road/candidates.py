@@ -132,8 +132,8 @@ def _score(
 ) -> Array:
     """(K,) area on each plane near the car, less what lies below it.
 
-    scale: tolerance of height [m] and of the camera's height, [noise], near length in near ends, weight of below, the far
-    limits of `sight.reach_of`, and how far below the plane [m] a cell tells against it.
+    scale: tolerance of height [m] and of the camera's height, [noise], near length in near ends, weight of below, the
+    far limits of `sight.reach_of`, and how far below the plane [m] a cell tells against it.
     """
     scores = np.full(len(planes), -np.inf)
     for k in range(len(planes)):

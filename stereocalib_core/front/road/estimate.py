@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import DirectConfig, ImageConfig, LimitsConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.front.horizon import first_row, match_by_the_horizon
-from stereocalib_core.front.matching import UNKNOWN_PX, Matcher, find_matcher
+from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
@@ -202,23 +202,38 @@ def _match(
     past: Extrinsics | None,
     whole: bool,
 ) -> DisparityMap:
-    """Dense disparity as far as the nearest road in the picture: of the past, or looked for in a coarse map."""
+    """Dense disparity as far as the nearest road in the picture: of the past, or that of a camera mounted as most are.
+
+    Where nothing is known and the road turns out to come nearer than that, or is not seen at all, once more.
+    """
     if config.disparity.max_disparity_px != "auto":
         return match(left, right, camera, config.disparity)
-    step = matching_step(camera, config.disparity)
-    first = 0 if whole or past is None else first_row(camera, past, step, config.sight)
-    if past is None:
+    margin, step = config.disparity.margin, matching_step(camera, config.disparity)
+    if past is not None:
+        first = 0 if whole else first_row(camera, past, step, config.sight)
+        farthest = margin * road_disparity(camera, past)
+        if first > 0:
+            return match_by_the_horizon(match, left, right, camera, config.disparity, step, farthest, first)
+        return match(left, right, camera, config.disparity, step, farthest)
+    usual = Extrinsics(config.sight.guess_per_baseline * camera.baseline_m, 0.0, 0.0)
+    farthest = margin * road_disparity(camera, usual)
+    found = match(left, right, camera, config.disparity, step, farthest)
+    nearest = _nearest(found, camera, config)
+    if nearest is None:
         widest = widest_disparity(camera, config.limits, config.sight)
-        coarse = match(left, right, camera, config.disparity, 2 * step, widest)
-        cells = candidates.gather(coarse, camera, Way(), config.sight, config.region)
-        plane = candidates.best_plane(
-            cells, camera, coarse.step_px, None, config.limits, config.sight, config.region
-        )
-        past = None if plane is None else plane.extrinsics(camera)
-    farthest = UNKNOWN_PX if past is None else config.disparity.margin * road_disparity(camera, past)
-    if first > 0:
-        return match_by_the_horizon(match, left, right, camera, config.disparity, step, farthest, first)
-    return match(left, right, camera, config.disparity, step, farthest)
+        nearest = _nearest(match(left, right, camera, config.disparity, 2 * step, widest), camera, config)
+    if nearest is None or nearest <= farthest:
+        return found
+    return match(left, right, camera, config.disparity, step, margin * nearest)
+
+
+def _nearest(disparity: DisparityMap, camera: StereoCamera, config: PipelineConfig) -> float | None:
+    """Largest disparity [px] of the road that a map shows by itself; None: it shows none."""
+    cells = candidates.gather(disparity, camera, Way(), config.sight, config.region)
+    plane = candidates.best_plane(
+        cells, camera, disparity.step_px, None, config.limits, config.sight, config.region
+    )
+    return None if plane is None else road_disparity(camera, plane.extrinsics(camera))
 
 
 def begin_road(
