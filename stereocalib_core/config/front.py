@@ -225,7 +225,8 @@ class DirectConfig:
     turning_roll_rad: float = 0.0144
     """1 sigma of roll (0.83 deg) added where the lane is that of a turn. Physics: a crossfall of 2.5 % to either side,
     and anything between, evenly."""
-    min_patches: int = 40
+    min_patches: int = 25
+    """Numerical: five for each of the five unknowns; whether they are enough sigma says."""
     agree_height_m: float = 0.06
     rough_range: float = 2.0
     """... times the nearest road in the picture is near;"""
