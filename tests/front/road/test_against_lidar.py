@@ -88,5 +88,6 @@ def test_the_road_agrees_with_the_lidar_over_the_same_region(
         assert np.all(np.rad2deg(scatter[1:]) <= [0.15, 0.20])
         ratios.append(np.abs(error) / np.array(sigma))
     ratio = np.concatenate(ratios)
-    assert 0.60 <= np.mean(ratio < 1.0) <= 0.80
+    # 68 % of one sigma; of 30 frames it is known to 8.5 %, and twice that above is no lie of sigma yet
+    assert 0.60 <= np.mean(ratio < 1.0) <= 0.85
     assert np.mean(ratio < 2.0) >= 0.92

@@ -61,7 +61,11 @@ def _drive(folder: Path, method: str) -> FrameTable:
     source = open_source(str(folder))
     config = PipelineConfig(method=method)  # type: ignore[arg-type]
     front_end = FrontEnd(source.camera, config, T_camera_lidar=source.T_camera_lidar)
-    return analyse([front_end.step(source[i]) for i in range(len(source))], source.camera, config).frames
+    frames = analyse([front_end.step(source[i]) for i in range(len(source))], source.camera, config).frames
+    off = np.abs(frames.values - frames.smoothed)
+    far = (off > [0.15, *np.deg2rad([1.5, 1.5])]) & (off > 4.0 * frames.sigma)
+    assert not far[frames.ok].any(), "no frame is sure of a rig that the drive does not have"
+    return frames
 
 
 @pytest.mark.parametrize("method", ["paper", "direct"])
