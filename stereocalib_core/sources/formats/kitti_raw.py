@@ -29,8 +29,8 @@ OTHER_CALIB = ("calib.txt",)
 OXTS_COLUMNS = 30
 VELODYNE_SWEEP = -1.0
 """The Velodyne turns once a frame and triggers the cameras when it faces ahead; its scans are stored as they were taken
-(readme of the raw recordings). The sense, clockwise, is read off raw 0009 and 0005: with it their depth edges fit
-best together and both say the same of where it stands. No document that states it is known to us."""
+(readme of the raw recordings). The sense: descriptions of the recordings say counter-clockwise, the reader of KISS-ICP
+undoes a clockwise turn, and so fit the edges of raw 0009. It is told as likely, not as known (`sweep_belief`)."""
 OXTS_BYTES = 4096
 CAMERAS = ((0, 1), (2, 3))
 

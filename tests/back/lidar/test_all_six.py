@@ -90,6 +90,15 @@ def test_a_sweep_that_nobody_told_is_found(sweep: float) -> None:
     assert belief.mean[7] == pytest.approx(sweep, abs=0.1) and belief.sigma[7] < 0.3
 
 
+def test_a_sense_of_rotation_that_is_stated_wrongly_is_found_out() -> None:
+    results, poses = drive(40, sweep=-1.0, stated_sweep=1.0)
+    belief = sweep_belief(scans_of(results, CAMERA, poses, CONFIG), CAMERA, CONFIG)
+    assert belief.mean[7] == pytest.approx(-1.0, abs=0.1)
+    taken_at_its_word, poses = drive(12, sweep=0.0, stated_sweep=0.0)
+    belief = sweep_belief(scans_of(taken_at_its_word, CAMERA, poses, CONFIG), CAMERA, CONFIG)
+    assert belief.mean[7] == 0.0 and belief.sigma[7] == CONFIG.known_sweep_sigma
+
+
 def test_a_car_that_stands_leaves_the_sweep_open() -> None:
     results, poses = drive(12, stated_sweep=None)
     still = [dataclasses.replace(results[0], frame=k, timestamp_s=0.1 * k) for k in range(12)]
