@@ -171,8 +171,9 @@ def path_inset(
             if np.isfinite(b).all():
                 cv2.circle(picture, (int(b[0]), int(b[1])), 2, palette.HORIZON, -1, cv2.LINE_AA)
     cv2.drawMarker(picture, (int(middle[0]), int(middle[1])), palette.INK, cv2.MARKER_TRIANGLE_UP, 12, 2)
-    canvas.put_text(picture, "eq. 16 from above:", x0 + 8, y0 + 4, palette.INK, 16)
-    canvas.put_text(picture, "points now, path", x0 + 150, y0 + 4, palette.HORIZON, 16)
+    x = canvas.put_text(picture, "eq. 16 from above: ", x0 + 8, y0 + 4, palette.INK, 15)
+    x = canvas.put_text(picture, "points, ", x, y0 + 4, palette.HORIZON, 15)
+    canvas.put_text(picture, "path", x, y0 + 4, palette.VARIANT["autocalibrated"], 15)
 
 
 Draw = Callable[[Picture], None]

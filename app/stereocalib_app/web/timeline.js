@@ -340,7 +340,7 @@ class TimeLine extends HTMLElement {
     const parts = [[this.ink, `${row.label} `]];
     for (const t of row.traces) {
       const v = t.values[frame], s = t.sigma ? t.sigma[frame] : NaN;
-      parts.push([t.color, `${t.name} ${short(v, row.unit)}${Number.isFinite(s) && Number.isFinite(v) ? ` ± ${short(s, row.unit)}` : ''}  `]);
+      parts.push([this.tone(t.color), `${t.name} ${short(v, row.unit)}${Number.isFinite(s) && Number.isFinite(v) ? ` ± ${short(s, row.unit)}` : ''}  `]);
     }
     parts.push([this.soft, row.unit]);
     for (const [color, text] of parts) {
@@ -348,6 +348,13 @@ class TimeLine extends HTMLElement {
       if (x + width > end) break;
       g.fillStyle = color; g.fillText(text, x, y); x += width;
     }
+  }
+
+  // On white paper a colour of the dark page is too faint for letters.
+  tone(color) {
+    if (document.documentElement.dataset.mantineColorScheme !== 'light') return color;
+    const [r, g, b] = color.match(/[\d.]+/g).map(v => Math.round(0.66 * v));
+    return `rgb(${r},${g},${b})`;
   }
 
   told(g, frame) {
