@@ -109,8 +109,11 @@ def left_view(
     if live is not None:
         draw_road(body, camera, live, palette.LIVE, labels=False)
     failure = frame.failure if stages is None else stages.failure
-    if failure is not None:
-        canvas.put_label(body, f"failed: {failure.reason} ({failure.detail})"[:90], 8, 8, palette.FAILED, 22)
+    size_px = min(22, width // 28)
+    if failure is not None and size_px >= LEAST_LABEL_PX:
+        canvas.put_label(
+            body, f"failed: {failure.reason} ({failure.detail})"[:90], 8, 8, palette.FAILED, size_px
+        )
     return np.asarray(body)
 
 

@@ -92,7 +92,7 @@ def changes_words(moment: Moment) -> str:
     if not found:
         return ""
     lines = "\n".join(f"- {text.escape(change.words)}" for change in found)
-    return f"\n\n**What changed against the good frames**, nearest to the light first:\n\n{lines}"
+    return f"\n\n**What changed against the good frames**, what tells most first:\n\n{lines}"
 
 
 def verdict(moment: Moment) -> str:
