@@ -42,7 +42,7 @@ from stereocalib_core.results import (
     Tracks,
 )
 
-MAGIC = b"stereocalib checkpoint 6\n"
+MAGIC = b"stereocalib checkpoint 7\n"
 MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 SYNC_S = 1.0
@@ -276,6 +276,7 @@ def _pack(done: Done) -> bytes:
             road.free_fraction,
             list(road.range_m),
             list(road.bend),
+            road.crossfall_rad,
         ],
         "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
         "free_fraction": r.free_fraction,
@@ -340,6 +341,7 @@ def _unpack(payload: bytes) -> Done:
             road[3],
             (road[4][0], road[4][1]),
             (road[5][0], road[5][1]),
+            road[6],
         ),
         None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
         values["free_fraction"],

@@ -70,6 +70,7 @@ class RoadEstimate:
     free_fraction: free pixels / pixels below the horizon, 0...1.
     range_m: nearest and farthest road distance used.
     bend: height [m] and pitch [rad] by which the lane as a whole differs, where the road bends up or down ahead.
+    crossfall_rad: 1 sigma of the roll by which it may differ: one side of a crown, or another road's in a turn.
     """
 
     extrinsics: Extrinsics
@@ -78,16 +79,17 @@ class RoadEstimate:
     free_fraction: float
     range_m: tuple[float, float]
     bend: tuple[float, float] = (0.0, 0.0)
+    crossfall_rad: float = 0.0
 
     @property
     def bend_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) what `bend` adds to `covariance`: no other look at the same road averages it out."""
+        """(3, 3) what `bend` and crossfall add to `covariance`: no other look at the same road averages it out."""
         difference = np.array([*self.bend, 0.0])
-        return np.outer(difference, difference)
+        return np.outer(difference, difference) + np.diag([0.0, 0.0, self.crossfall_rad**2])
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of height [m], pitch [rad], roll [rad], `bend` included."""
+        """(3,) standard deviations of height [m], pitch [rad], roll [rad], `bend` and crossfall included."""
         return np.sqrt(np.diag(self.covariance + self.bend_covariance))
 
 

@@ -59,7 +59,9 @@ def finished(index: int) -> Done:
     result = FrameResult(
         index,
         index / 3,
-        RoadEstimate(Extrinsics(*rng.normal(size=4)), covariance, 17, 1 / 3, (4.5, 31.25), (0.1, -1 / 7)),
+        RoadEstimate(
+            Extrinsics(*rng.normal(size=4)), covariance, 17, 1 / 3, (4.5, 31.25), (0.1, -1 / 7), 0.3
+        ),
         None,
         1 / 7,
         17,

@@ -27,7 +27,7 @@ SYNTH_KEYS = {
     "lidar": ("0|1", "LiDAR scans too"),
 }
 DIALECTS = ("yaml", "opencv", "ros", "kalibr", "kitti")
-EXPERIMENTS = ("roll", "height", "yaw", "odometry", "lidar-camera")
+EXPERIMENTS = ("roll", "height", "filter", "yaw", "odometry", "lidar-camera")
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):

@@ -8,11 +8,13 @@ def warm_up() -> None:
     import numpy as np
 
     from stereocalib_core.back.rig.body_filter import RigFilter
-    from stereocalib_core.back.rig.road_points import fit_plane
+    from stereocalib_core.back.rig.road_points import fit_surface
     from stereocalib_core.back.rig.vanishing_point import vanishing_points
     from stereocalib_core.geometry import StereoCamera
 
-    fit_plane(np.random.default_rng(0).uniform(0.1, 0.4, (3, 30)), np.ones(30), 3, 1, 0.3)
+    points = np.random.default_rng(0).uniform(0.1, 0.4, (9, 30))
+    shapes, further = np.ascontiguousarray(points[3:5].T), np.ascontiguousarray(points[5:].T)
+    fit_surface(points[:3], np.ones(30), shapes, further, np.array([1e-3, 1e-2]), 0.5, 1e-3, 1.0, 3, 1, 0.3)
     rig = RigFilter(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5))
     for time_s in (0.0, 0.1):
         rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))

@@ -165,7 +165,9 @@ class RigFilter:
             joined = False
             self._reopen(ukf, innovation)
         self._gated = 0
-        self._persistent = persistent * scale
+        # neighbours that agree say that their own noise is small, and nothing of the error that they share
+        least = np.maximum(noise, 1.0)
+        self._persistent = persistent * np.outer(least, least)
         ukf.update(self._plane(z), R=self._plane_covariance(z, R))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         return self._report(ukf, "updated", joined)

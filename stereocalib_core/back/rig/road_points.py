@@ -2,7 +2,9 @@
 
 Tracks are aligned from left to right to a fraction of a pixel, so that a hundred of them in the own lane show
 height, pitch and roll better than dense matching does, whose line and slope also take in how the road is
-cambered beside the lane. Where a pair's own estimate is clearly the less sure one, the filter leans on these.
+cambered beside the lane. Camber and twist of the lane are fitted beside the plane, as for the direct alignment, and
+what bends further makes the plane unsure: where a turn begins, the lane ahead is no plane, and without that the points
+are ten times surer than right. The filter takes a pair's own estimate and these by their covariances.
 """
 
 from __future__ import annotations
@@ -12,77 +14,131 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from stereocalib_core.config import LaneConfig, RoadPointsConfig
+from stereocalib_core.back.odometry.packing import PackedTracks, pack
+from stereocalib_core.config import DirectConfig, RoadPointsConfig
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric import bent_square
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.evidence import average_over_sizes
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult
 
 
 @njit(cache=True, nogil=True)
-def fit_plane(
-    rays: Array, noise: Array, rounds: int, soft_rounds: int, least_scale: float
+def fit_surface(
+    rays: Array,
+    noise: Array,
+    shapes: Array,
+    further: Array,
+    sizes: Array,
+    reluctance: float,
+    base_m: float,
+    per_twist: float,
+    rounds: int,
+    soft_rounds: int,
+    least_scale: float,
 ) -> tuple[Array, Array]:
-    """(3,) coefficients of disparity = a y + b x + c [px] and their (3, 3) covariance.
+    """(3,) coefficients of disparity = a y + b x + c [px] of the plane under a bent road, and their (3, 3) covariance.
 
     rays: (3, M) x = (u - cx) / f, y = (v - cy) / f, disparity [px]. noise: (M,) standard deviation of each
-    disparity. Weights fall off gently for the first `soft_rounds` of `rounds`, so that the first plane may be a
-    poor one, and then to nothing: a kerb beside a bend is a fifth of the points.
+    disparity. shapes: (M, 2) camber and twist of one metre, further: (M, 4) the bends that are not fitted [px].
+    sizes: of the first, averaged by their evidence; of the others `base_m`, and more with the twist that is found.
+    Weights fall off gently for the first `soft_rounds` of `rounds`, so that the first plane may be a poor one, and
+    then to nothing: a kerb beside a bend is a fifth of the points.
     """
     m = rays.shape[1]
-    weight, residual = 1.0 / noise**2, np.empty(m)
-    normal, solution, scale = np.zeros((3, 3)), np.zeros(3), 1.0
+    J = np.empty((m, 5))
+    J[:, 0], J[:, 1], J[:, 2], J[:, 3:] = rays[1], rays[0], 1.0, shapes
+    weight, scale = 1.0 / noise**2, 1.0
+    normal, right, solution = np.zeros((5, 5)), np.zeros(5), np.zeros(5)
     for k in range(rounds):
-        normal[:], right = 0.0, np.zeros(3)
-        for i in range(m):
-            row = (rays[1, i], rays[0, i], 1.0)
-            for p in range(3):
-                right[p] += weight[i] * row[p] * rays[2, i]
-                for q in range(3):
-                    normal[p, q] += weight[i] * row[p] * row[q]
-        if abs(np.linalg.det(normal)) < 1e-9:
+        weighted = J * weight.reshape(m, 1)
+        normal[:], right[:] = weighted.T @ J, weighted.T @ rays[2]
+        held, size = normal.copy(), sizes[0] if k < soft_rounds else sizes[-2]
+        for bend in range(3, 5):
+            held[bend, bend] += size**-2.0
+        if abs(np.linalg.det(held)) < 1e-9:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
-        solution[:] = np.linalg.solve(normal, right)
-        for i in range(m):
-            plane = solution[0] * rays[1, i] + solution[1] * rays[0, i] + solution[2]
-            residual[i] = (rays[2, i] - plane) / noise[i]
+        solution[:] = np.linalg.solve(held, right)
+        residual = (rays[2] - J @ solution) / noise
         scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), least_scale)
         power = 1 if k < soft_rounds else 3
-        for i in range(m):
-            weight[i] = 1.0 / (noise[i] ** 2 * (1.0 + (residual[i] / (2.0 * scale)) ** 2) ** power)
-    covariance = np.empty((3, 3))
-    covariance[:] = np.linalg.inv(normal) * scale**2
-    return solution, covariance
+        weight = 1.0 / (noise**2 * (1.0 + (residual / (2.0 * scale)) ** 2) ** power)
+    solution, covariance, average = average_over_sizes(
+        normal / scale**2, right / scale**2, 3, sizes, reluctance
+    )
+    size = np.sqrt(base_m**2 + (per_twist * solution[4]) ** 2)
+    response = average @ (weighted.T / scale**2 @ further) * size
+    covariance = covariance + response @ response.T
+    return solution[:3].copy(), covariance[:3, :3].copy()
 
 
 def road_planes(
-    camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig, lane: LaneConfig
+    camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig, surface: DirectConfig
 ) -> tuple[Array, Array]:
-    """(N, 3) height [m], pitch, roll [rad] by the road points of each frame and (N, 3, 3); NaN where there are few."""
+    """(N, 3) height [m], pitch, roll [rad] by the road points of each frame and (N, 3, 3); NaN where there are few.
+
+    surface: how a road's surface differs from its plane, the same as for the direct alignment.
+    """
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
+    curvature = curvatures(pack(camera, results))
     for i, r in enumerate(results):
-        if r.tracks is not None:
+        if r.tracks is not None and r.road is not None:
             # of the frame itself: the points that the next frame finds again are not known yet
             points = r.tracks.points[r.tracks.on_road].astype(np.float64)[:, 3:]
-            values[i], covariance[i] = _plane(camera, points, config, lane)
+            seen_from = r.road.extrinsics.height_m, float(curvature[i])
+            values[i], covariance[i] = _plane(camera, points, *seen_from, config, surface)
     return values, covariance
 
 
+def curvatures(tracks: PackedTracks) -> Array:
+    """(N,) of the car's way into each frame [1/m], positive to the right; zero where it stands or nothing is known."""
+    motion = tracks.stereo_motion
+    travel_m = np.linalg.norm(motion[:, 3:6], axis=1)
+    moving = (motion[:, 6] > 0) & ~tracks.still
+    # of T_current_previous: the camera turns the other way than what it sees
+    return np.where(moving, -motion[:, 1] / np.where(moving, travel_m, 1.0), 0.0)
+
+
 def _plane(
-    camera: StereoCamera, points: Array, config: RoadPointsConfig, lane: LaneConfig
+    camera: StereoCamera,
+    points: Array,
+    height_m: float,
+    curvature_per_m: float,
+    config: RoadPointsConfig,
+    surface: DirectConfig,
 ) -> tuple[Array, Array]:
-    """The plane through (M, 3) u, v, disparity of road points within the lane."""
+    """The plane through (M, 3) u, v, disparity of road points within the lane, seen from about `height_m`."""
     f, b = camera.focal_px, camera.baseline_m
-    points = points[np.isfinite(points).all(axis=1) & (points[:, 2] > f * b / lane.far_m)]
+    points = points[np.isfinite(points).all(axis=1) & (points[:, 2] > f * b / surface.far_m)]
     x, y, d = (points[:, 0] - camera.cx_px) / f, (points[:, 1] - camera.cy_px) / f, points[:, 2]
-    inside = (np.abs(x) * f * b < config.half_width_m * d) & (d < f * b / lane.near_m)
+    inside = (np.abs(x) * f * b < surface.fit_half_width_m * d) & (d < f * b / surface.near_m)
     nothing = np.full(3, np.nan), np.full((3, 3), np.nan)
     if inside.sum() < config.min_points:
         return nothing
     rays = np.ascontiguousarray(np.stack([x, y, d])[:, inside])
     # disparity grows with the height of the camera: d / h is how much a bump of one metre takes away
-    noise = np.hypot(config.noise_px, config.unevenness_m / config.road_height_m * rays[2])
-    (a, c_x, c), covariance = fit_plane(rays, noise, config.rounds, config.soft_rounds, config.least_scale)
+    px_per_m = rays[2] / height_m
+    noise = np.hypot(config.noise_px, config.unevenness_m * px_per_m)
+    z = f * b / rays[2]
+    across = rays[0] * z / surface.lane_half_width_m
+    along = (2.0 * z - surface.far_m - surface.near_m) / (surface.far_m - surface.near_m)
+    # in a turn the road straight ahead is another's: of the lane along the car's way less is seen
+    about_way = across - 0.5 * curvature_per_m * z**2 / surface.lane_half_width_m
+    unseen_m = config.unseen_bend_m * bent_square.unseen_share(about_way, along) ** 2
+    (a, c_x, c), covariance = fit_surface(
+        rays,
+        noise,
+        bent_square.bends(across, along) * px_per_m[:, None],
+        bent_square.further_bends(across, along) * px_per_m[:, None],
+        np.geomspace(surface.min_bend_m, surface.max_bend_m, surface.bend_sizes),
+        surface.bend_reluctance,
+        float(np.hypot(surface.further_bend_m, unseen_m)),
+        surface.further_per_twist,
+        config.rounds,
+        config.soft_rounds,
+        config.least_scale,
+    )
     if not a > 0.0:
         return nothing
     pitch = np.arctan2(c, a)
@@ -90,7 +146,7 @@ def _plane(
     height = f * b * np.cos(roll) * np.cos(pitch) / a
     reach = a * a + c * c
     jacobian = np.array([[-height / a, 0.0, 0.0], [-c / reach, 0.0, a / reach], [c_x / a**2, -1.0 / a, 0.0]])
-    return np.array([height, pitch, roll]), config.alike * jacobian @ covariance @ jacobian.T
+    return np.array([height, pitch, roll]), jacobian @ covariance @ jacobian.T
 
 
 def lean_on(
@@ -98,15 +154,14 @@ def lean_on(
 ) -> tuple[Array, Array]:
     """(N, 3) and (N, 3, 3) after the surer look has had its say, axis by axis.
 
-    Two looks at one uneven road are wrong alike in part (`correlation`). `other` counts only where it would
-    have at least `min_share`; where it then contradicts by more than `gate` sigmas, neither is believed: the
-    value stays and its variance grows by the square of the difference.
+    Two looks at one uneven road are wrong alike in part (`correlation`). Where they contradict by more than `gate`
+    sigmas, neither is believed: the value stays and its variance grows by the square of the difference.
     """
     p, c = (np.diagonal(m, axis1=1, axis2=2) for m in (covariance, other_covariance))
     common = config.correlation * np.sqrt(p * c)
     share = np.clip((p - common) / (p + c - 2.0 * common), 0.0, 1.0)
     difference = other - values
-    used = np.isfinite(difference) & (share >= config.min_share)
+    used = np.isfinite(difference)
     apart = used & (difference**2 > config.gate**2 * (p + c))
     k = np.where(used & ~apart, share, 0.0)
     fused = values + np.where(used, k * difference, 0.0)

@@ -42,7 +42,7 @@ def filter_drive(
     rig = RigFilter(camera, config.filter, config.vehicle)
     steps: list[FilterStep] = []
     persistent: list[Array] = []
-    measured, covariances = _measured(results, camera, config)
+    measured, covariances = measurements(results, camera, config)
     for result, z, R in zip(results, measured, covariances, strict=True):
         steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
         persistent.append(rig.persistent)
@@ -58,10 +58,10 @@ def filter_drive(
     return FilteredDrive(filtered, FilteredExtrinsics(values, covariance + bends, state))
 
 
-def _measured(
+def measurements(
     results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
 ) -> tuple[Array, Array]:
-    """(N, 3) height, pitch, roll of each frame and their (N, 3, 3), NaN where a pair shows no road."""
+    """What the filter is given: (N, 3) height, pitch, roll of each frame and (N, 3, 3), NaN without a road."""
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
     for i, result in enumerate(results):
         if result.road is not None:
@@ -70,11 +70,11 @@ def _measured(
     if config.method != "paper":
         return values, covariance
     points = config.filter.road_points
-    return lean_on(values, covariance, *road_planes(camera, results, points, config.lane), points)
+    return lean_on(values, covariance, *road_planes(camera, results, points, config.direct), points)
 
 
 def _bends(results: Sequence[FrameResult]) -> Array:
-    """(N, 3, 3) what the road's bend ahead adds to each frame, through a gap that of the frame before it.
+    """(N, 3, 3) what bend ahead and crossfall add to each frame, through a gap that of the frame before it.
 
     The filter follows the nearer road as each pair does; that the lane as a whole lies otherwise is no noise.
     """

@@ -320,12 +320,15 @@ def finish_road(
     failure = _believed(attempt, found, config.limits)
     if failure is not None:
         return attempt.result(None, failure)
-    e, covariance, inliers = found
-    return attempt.result(RoadEstimate(e, covariance, inliers, attempt.free_fraction, region.range_m), None)
+    e, covariance, inliers, crossfall_rad = found
+    estimate = RoadEstimate(
+        e, covariance, inliers, attempt.free_fraction, region.range_m, crossfall_rad=crossfall_rad
+    )
+    return attempt.result(estimate, None)
 
 
-Found = tuple[Extrinsics, NDArray[np.float64], int]
-"""Extrinsics, their (3, 3) covariance, and what agrees with them."""
+Found = tuple[Extrinsics, NDArray[np.float64], int, float]
+"""Extrinsics, their (3, 3) covariance, what agrees with them, and 1 sigma of the crossfall beside [rad]."""
 
 
 def region_free(attempt: RoadAttempt) -> Mask:
@@ -338,7 +341,7 @@ def _by_profile(attempt: RoadAttempt) -> Found | Failure:
     fit = attempt.paper
     if fit is None:
         return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the region")
-    return fit.extrinsics, fit.covariance, fit.profile.inliers
+    return fit.extrinsics, fit.covariance, fit.profile.inliers, 0.0
 
 
 def _direct(
@@ -371,8 +374,8 @@ def _direct(
     # Where much of the lane ahead is seen and lies off the plane, the plane is one side of a crown, or of a kerb.
     other = scaled.other_side_rad * (1.0 - region.planar) ** 3
     turning = scaled.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
-    covariance = direct.covariance + np.diag([0.0, 0.0, other**2 + turning**2])
-    return direct.extrinsics, covariance, int(np.count_nonzero(direct.patches.weight))
+    inliers = int(np.count_nonzero(direct.patches.weight))
+    return direct.extrinsics, direct.covariance, inliers, float(np.hypot(other, turning))
 
 
 def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
@@ -386,8 +389,8 @@ def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
 
 def _believed(attempt: RoadAttempt, found: Found, limits: LimitsConfig) -> Failure | None:
     """OUT_OF_RANGE or TOO_UNCERTAIN, and their numbers among the checks."""
-    extrinsics, covariance, _ = found
-    sigma = np.sqrt(np.diag(covariance))
+    extrinsics, covariance, _, crossfall_rad = found
+    sigma = np.sqrt(np.diag(covariance) + [0.0, 0.0, crossfall_rad**2])
     degrees = np.rad2deg(sigma)
     check = attempt.check
     check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")

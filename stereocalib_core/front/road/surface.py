@@ -15,13 +15,13 @@ import numpy as np
 from numba import njit
 
 from stereocalib_core.config import DirectConfig
+from stereocalib_core.numeric import bent_square
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.evidence import average_over_sizes
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 SLOTS = 3
 """The first so many unknowns are the plane's; the bends follow."""
-_FURTHER = np.array([1.25, 1.0, 0.6, 0.4])
-"""How large the bends that are not fitted are against each other: the higher the order the smaller."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,12 @@ def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]
 
 def bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
     """(N, 2) height of camber and twist of 1 m at road points."""
-    x, z = _normal(x_m, z_m, config)
-    return np.column_stack([x * x - 1.0 / 3.0, x * z])
+    return bent_square.bends(*_normal(x_m, z_m, config))
 
 
 def further_bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
     """(N, 4) height of the bends that are not fitted, per metre of size: along the lane, and the next orders."""
-    x, z = _normal(x_m, z_m, config)
-    xx, zz = x * x - 1.0 / 3.0, z * z - 1.0 / 3.0
-    return np.column_stack([zz, x * zz, xx * z, z**3 - 0.6 * z]) * _FURTHER
+    return bent_square.further_bends(*_normal(x_m, z_m, config))
 
 
 @njit(cache=True, nogil=True)
@@ -104,7 +101,7 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
     A, right = H / scale, b / scale
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
-    solution, covariance, average = _average_over_bends(A, right, sizes, config.bend_reluctance)
+    solution, covariance, average = average_over_sizes(A, right, SLOTS, sizes, config.bend_reluctance)
     return LaneFit(
         solution,
         covariance,
@@ -112,41 +109,6 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
         robust,
         offset - J @ solution,
     )
-
-
-@njit(cache=True, nogil=True)
-def _average_over_bends(
-    A: Array, right: Array, sizes: Array, reluctance: float
-) -> tuple[Array, Array, Array]:
-    """Solution of A x = right with bends of each size beforehand, averaged by their evidence.
-
-    Gives the solution, its covariance over all sizes, and the average inverse of A.
-    """
-    unknowns = len(right)
-    inverse = np.empty((len(sizes), unknowns, unknowns))
-    solutions, log_evidence = np.empty((len(sizes), unknowns)), np.empty(len(sizes))
-    for k in range(len(sizes)):
-        information = A.copy()
-        for bend in range(SLOTS, unknowns):
-            information[bend, bend] += sizes[k] ** -2.0
-        inverse[k] = np.linalg.inv(information)
-        solutions[k] = inverse[k] @ right
-        log_evidence[k] = (
-            0.5 * np.sum(solutions[k] * right)
-            - 0.5 * np.linalg.slogdet(information)[1]
-            - (unknowns - SLOTS + reluctance) * np.log(sizes[k])
-        )
-    share = np.exp(log_evidence - log_evidence.max())
-    share /= share.sum()
-    solution, average = np.zeros(unknowns), np.zeros((unknowns, unknowns))
-    for k in range(len(sizes)):
-        solution += share[k] * solutions[k]
-        average += share[k] * inverse[k]
-    covariance = average.copy()
-    for k in range(len(sizes)):
-        apart = solutions[k] - solution
-        covariance += share[k] * np.outer(apart, apart)
-    return solution, covariance, average
 
 
 def unmodelled_covariance(
@@ -176,10 +138,5 @@ def left_roughness(noise_m: Array, height_m: Array) -> float:
 
 
 def unseen_share(x_m: Array, z_m: Array, config: DirectConfig) -> float:
-    """Share of the lane without a patch, counted in cells of an eighth of its length and a quarter of its width."""
-    x, z = _normal(x_m, z_m, config)
-    inside = np.abs(x) < 1.0
-    cells = (4.0 * (z[inside] + 1.0)).astype(int).clip(0, 7) * 4 + (2.0 * (x[inside] + 1.0)).astype(int).clip(
-        0, 3
-    )
-    return 1.0 - len(np.unique(cells)) / 32
+    """Share of the lane without a patch."""
+    return bent_square.unseen_share(*_normal(x_m, z_m, config))

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from body_on_springs import CAMERA, DIRECT, PAPER, as_results, measure, ride
 
-from stereocalib_core.back.rig.body_filter import RigFilter, oscillator, plane_covariance, plane_of
+from stereocalib_core.back.rig.body_filter import oscillator, plane_covariance, plane_of
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.config import FilterConfig, PipelineConfig
 from stereocalib_core.config.back import NoiseBankConfig
+from stereocalib_core.experiments.filter import LinearFilter
 from stereocalib_core.geometry import DisparityPlane, Extrinsics
 from stereocalib_core.results import FrameResult, RoadEstimate
 
@@ -111,16 +112,6 @@ def linear(results: list[FrameResult]) -> np.ndarray:
         z = np.array([e.height_m, e.pitch_rad, e.roll_rad])
         rows.append(rig.step(r.timestamp_s, z, r.road.covariance).values)
     return np.array(rows)
-
-
-class LinearFilter(RigFilter):
-    """Height, pitch, roll in place of the plane: filterpy's filter is then a Kalman filter."""
-
-    def _plane(self, values: np.ndarray) -> np.ndarray:
-        return values
-
-    def _plane_covariance(self, values: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        return covariance
 
 
 @pytest.mark.parametrize("height_m", [1.65, 0.4])
