@@ -31,10 +31,14 @@ def _skip_or_fail(reason: str, requirement: str) -> None:
     pytest.skip(reason)
 
 
+def _recordings() -> Path:
+    return Path(os.environ.get("STEREOCALIB_DATA", REPO.parent / "shared" / "data"))
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of real recordings; skips (or fails under STEREOCALIB_REQUIRE_DATA=1) without it."""
-    folder = Path(os.environ.get("STEREOCALIB_DATA", REPO.parent / "shared" / "data"))
+    folder = _recordings()
     if not folder.is_dir():
         _skip_or_fail(f"no recordings at {folder}: set STEREOCALIB_DATA", "STEREOCALIB_REQUIRE_DATA")
     return folder
@@ -48,6 +52,26 @@ def kitti_06(data_dir: Path) -> Path:
 @pytest.fixture(scope="session")
 def kitti_03(data_dir: Path) -> Path:
     return data_dir / "kitti_odometry" / "sequences" / "03"
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A street of 40 frames or more: KITTI 03 where it is at hand, else a rendered one in the same layout."""
+    recorded = _recordings() / "kitti_odometry" / "sequences" / "03"
+    if recorded.is_dir():
+        return recorded
+    from stereocalib_core.run.synth import synth
+
+    out = tmp_path_factory.mktemp("street")
+    synth(out, "town", {"frames": "40"}, [])
+    return out / "sequences" / "00"
+
+
+@pytest.fixture(scope="session")
+def short_drive(street: Path) -> Path:
+    """KITTI 06 where it is at hand, else the rendered street: whatever its pictures show."""
+    recorded = _recordings() / "kitti_odometry" / "sequences" / "06"
+    return recorded if recorded.is_dir() else street
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,10 @@ class OdometryConfig:
     road_height_floor_m: Floor = 0.006
     """How far the road under one point differs from the plane of the extrinsics, 1 sigma, as the height [m], pitch and
     roll [deg] that it would be. Physics: roads of ISO 8608 class A to B are off a plane by 4 to 8 mm over some tens
-    of metres, and a bend of 1 in 1500 lifts or sinks the road 10 m beyond the lane by as much as 0.06 deg of pitch."""
+    of metres, and a bend of 1 in 1500 lifts or sinks the road 10 m beyond the lane by as much as 0.06 deg of pitch. The
+    best path hardly depends on them: from a quarter of these values to four times as much its final error is 0.52 to
+    0.56 % on KITTI 06, 0.23 to 0.26 % on 03, t_rel 0.12 to 0.21 % on the synthetic town of seed 5. What they set is how
+    much a wrong road bends the path: pitch and roll tripled end 8 times as far off on 06, 3 times with double floors."""
     road_pitch_floor_deg: Floor = 0.06
     road_roll_floor_deg: Floor = 0.1
     min_measured: Share = 0.5

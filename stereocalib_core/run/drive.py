@@ -228,7 +228,7 @@ def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Dri
             observers.append(observer)
         for finished in earlier if observers else ():
             frame = job.seen[finished.result.frame]
-            _show(observers, frame, finished.result, _matched(job, frame))
+            _show(observers, frame, finished.result, _matched(job, frame, finished.result))
         steps = follow(job.seen, job.config, job.start, job.stop, earlier)
         del earlier
         for step in steps:
@@ -283,14 +283,18 @@ def _show(
         observer.frame(frame, result, disparity)
 
 
-def _matched(job: Job, frame: StereoFrame) -> DisparityMap | None:
-    """The disparity of a frame that was done by a run before this one."""
+def _matched(job: Job, frame: StereoFrame, result: FrameResult) -> DisparityMap | None:
+    """The disparity of a frame that was done by a run before this one, as far as the road came near in it."""
     from stereocalib_core.front.matching import find_matcher
+    from stereocalib_core.front.sight import road_disparity
 
     if frame.left is None or frame.right is None:
         return None
-    config = job.config.disparity
-    return find_matcher(config.matcher)(frame.left, frame.right, job.seen.camera, config)
+    config, camera = job.config.disparity, job.seen.camera
+    nearest = None
+    if result.road is not None and config.max_disparity_px == "auto":
+        nearest = config.margin * road_disparity(camera, result.road.extrinsics)
+    return find_matcher(config.matcher)(frame.left, frame.right, camera, config, None, nearest)
 
 
 def _told(drive: Drive, job: Job, done: list[Done], elapsed_s: float) -> Drive:

@@ -21,14 +21,14 @@ def free_port() -> str:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
-def test_serves_until_interrupted(kitti_06: Path, host: str) -> None:
+def test_serves_until_interrupted(short_drive: Path, host: str) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
             "-m",
             "stereocalib_app.cli.main",
             "view",
-            str(kitti_06),
+            str(short_drive),
             "--port",
             free_port(),
             "--host",

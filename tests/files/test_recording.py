@@ -173,8 +173,8 @@ def test_a_failed_run_leaves_no_recording(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_run_writes_it_small_enough(tmp_path: Path, kitti_03: Path) -> None:
-    run_drive(str(kitti_03), tmp_path / "out", (20, 26), rrd=True)
+def test_a_run_writes_it_small_enough(tmp_path: Path, street: Path) -> None:
+    run_drive(str(street), tmp_path / "out", (20, 26), rrd=True)
     path = tmp_path / "out" / "recording.rrd"
     verify(path)
     assert frames(path, "/world/camera/image") == list(range(20, 26))
@@ -192,7 +192,7 @@ def test_a_viewer_that_cannot_start_is_one_clear_line(
 
 
 def test_a_viewer_that_listens_is_sent_the_whole_run(
-    tmp_path: Path, kitti_03: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In place of a window, Rerun's own server that saves what it is sent."""
     with socket.create_server(("127.0.0.1", 0)) as free:
@@ -208,7 +208,7 @@ def test_a_viewer_that_listens_is_sent_the_whole_run(
         deadline = time.monotonic() + 60
         while not _listening() and time.monotonic() < deadline:
             time.sleep(0.1)
-        run_drive(str(kitti_03), tmp_path / "out", (20, 23), rerun=True)
+        run_drive(str(street), tmp_path / "out", (20, 23), rerun=True)
         time.sleep(1.0)
     finally:
         os.killpg(viewer.pid, signal.SIGINT)

@@ -157,12 +157,12 @@ def part_of(sequence: Path, folder: Path, frames: int) -> Path:
     return folder
 
 
-def test_a_killed_worker_loses_nothing_and_a_second_call_does_nothing(tmp_path: Path, kitti_03: Path) -> None:
-    """Two workers, two real drives and one that is none; one worker is killed in the middle."""
+def test_a_killed_worker_loses_nothing_and_a_second_call_does_nothing(tmp_path: Path, street: Path) -> None:
+    """Two workers, two drives and one that is none; one worker is killed in the middle."""
     out = tmp_path / "out"
     drives = [
-        part_of(kitti_03, tmp_path / "long", 20),
-        part_of(kitti_03.parent / "06", tmp_path / "short", 5),
+        part_of(street, tmp_path / "long", 20),
+        part_of(street, tmp_path / "short", 5),
     ]
     (tmp_path / "none").mkdir()
     command = [
@@ -219,9 +219,9 @@ def _fewest_cores(process: int) -> int:
     return min(len(os.sched_getaffinity(int(task.name))) for task in Path(f"/proc/{process}/task").iterdir())
 
 
-def test_a_scheduler_at_another_address(tmp_path: Path, kitti_03: Path) -> None:
+def test_a_scheduler_at_another_address(tmp_path: Path, street: Path) -> None:
     """A scheduler that was there before, with a worker that runs two drives at once in one process."""
-    drives = [str(part_of(kitti_03, tmp_path / name, 3)) for name in ("a", "b")]
+    drives = [str(part_of(street, tmp_path / name, 3)) for name in ("a", "b")]
     known = tmp_path / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.2", "--port", "0"]

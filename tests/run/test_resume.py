@@ -230,10 +230,10 @@ def test_zeros_after_a_power_cut_are_the_end(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory, kitti_03: Path) -> Path:
-    """Thirteen frames of a real drive in one go; 0-based 20...32."""
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, street: Path) -> Path:
+    """Thirteen frames of a street in one go; 0-based 20...32."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    run_drive(str(kitti_03), out, (20, 33))
+    run_drive(str(street), out, (20, 33))
     assert not (out / CHECKPOINT).exists()
     return out
 
@@ -249,7 +249,7 @@ def check_same(out: Path, undisturbed: Path) -> None:
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in undisturbed.iterdir())
 
 
-def test_killed_twice_and_resumed(tmp_path: Path, kitti_03: Path, undisturbed: Path) -> None:
+def test_killed_twice_and_resumed(tmp_path: Path, street: Path, undisturbed: Path) -> None:
     out = tmp_path / "out"
     for stop_after in (5, 9):
 
@@ -258,18 +258,18 @@ def test_killed_twice_and_resumed(tmp_path: Path, kitti_03: Path, undisturbed: P
                 raise Killed
 
         with pytest.raises(Killed):
-            run_drive(str(kitti_03), out, (20, 33), resume=True, progress=kill)
+            run_drive(str(street), out, (20, 33), resume=True, progress=kill)
         assert (out / CHECKPOINT).is_file()
-    run_drive(str(kitti_03), out, (20, 33), resume=True)
+    run_drive(str(street), out, (20, 33), resume=True)
     check_same(out, undisturbed)
     before = (out / "report.json").read_bytes()
-    run_drive(str(kitti_03), out, (20, 33), resume=True)  # already finished: nothing to do
+    run_drive(str(street), out, (20, 33), resume=True)  # already finished: nothing to do
     assert (out / "report.json").read_bytes() == before
     with pytest.raises(OutputError, match="finished run of other frames"):
-        run_drive(str(kitti_03), out, (20, 30), resume=True)
+        run_drive(str(street), out, (20, 30), resume=True)
 
 
-def test_resume_with_other_settings_touches_nothing(tmp_path: Path, kitti_03: Path) -> None:
+def test_resume_with_other_settings_touches_nothing(tmp_path: Path, street: Path) -> None:
     out = tmp_path / "out"
 
     def kill(done: int, *_: object) -> None:
@@ -277,27 +277,25 @@ def test_resume_with_other_settings_touches_nothing(tmp_path: Path, kitti_03: Pa
             raise Killed
 
     with pytest.raises(Killed):
-        run_drive(str(kitti_03), out, (20, 33), progress=kill)
+        run_drive(str(street), out, (20, 33), progress=kill)
     before = (out / CHECKPOINT).read_bytes()
     with pytest.raises(OutputError, match="settings changed"):
-        run_drive(
-            str(kitti_03), out, (20, 33), PipelineConfig(disparity=DisparityConfig(scale=1)), resume=True
-        )
+        run_drive(str(street), out, (20, 33), PipelineConfig(disparity=DisparityConfig(scale=1)), resume=True)
     with pytest.raises(OutputError, match="first frame changed"):
-        run_drive(str(kitti_03), out, (21, 33), resume=True)
+        run_drive(str(street), out, (21, 33), resume=True)
     with pytest.raises(OutputError, match="stopped run of more frames"):
-        run_drive(str(kitti_03), out, (20, 21), resume=True)
+        run_drive(str(street), out, (20, 21), resume=True)
     assert (out / CHECKPOINT).read_bytes() == before
 
 
-def test_sigkill_and_resume_by_the_command(tmp_path: Path, kitti_03: Path, undisturbed: Path) -> None:
+def test_sigkill_and_resume_by_the_command(tmp_path: Path, street: Path, undisturbed: Path) -> None:
     out = tmp_path / "out"
     command = [
         sys.executable,
         "-m",
         "stereocalib_app.cli.main",
         "run",
-        str(kitti_03),
+        str(street),
         "--out",
         str(out),
         "--frames",
@@ -312,10 +310,10 @@ def test_sigkill_and_resume_by_the_command(tmp_path: Path, kitti_03: Path, undis
     check_same(out, undisturbed)
 
 
-def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, kitti_03: Path) -> None:
+def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, street: Path) -> None:
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "stereocalib_app.cli.main", "run", str(kitti_03), "--out", str(out)],
+        [sys.executable, "-m", "stereocalib_app.cli.main", "run", str(street), "--out", str(out)],
         stderr=subprocess.PIPE,
         text=True,
     )
@@ -389,8 +387,8 @@ def test_a_drive_of_failures_resumes_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_drives_of_a_few_frames(tmp_path: Path, kitti_03: Path, count: int) -> None:
-    drive = run_drive(str(kitti_03), tmp_path, (20, 20 + count))
+def test_drives_of_a_few_frames(tmp_path: Path, street: Path, count: int) -> None:
+    drive = run_drive(str(street), tmp_path, (20, 20 + count))
     assert len(drive.frames) == count
     assert len((tmp_path / "trajectory.txt").read_text().splitlines()) == count
 

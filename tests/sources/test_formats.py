@@ -24,8 +24,8 @@ ALL = {**LAYOUTS, **MORE}
 
 
 @pytest.fixture(scope="module")
-def drive_06(kitti_06: Path) -> Drive:
-    return drive_of(open_source(str(kitti_06)), FRAMES)
+def drive_06(short_drive: Path) -> Drive:
+    return drive_of(open_source(str(short_drive)), FRAMES)
 
 
 def check(source: FrameSource, drive: Drive, layout: Layout) -> None:
