@@ -50,7 +50,7 @@ class OdometryConfig:
     of metres, and a bend of 1 in 1500 lifts or sinks the road 10 m beyond the lane by as much as 0.06 deg of pitch. The
     best path hardly depends on them: from a quarter of these values to four times as much its final error is 0.52 to
     0.56 % on KITTI 06, 0.23 to 0.26 % on 03, t_rel 0.12 to 0.21 % on the synthetic town of seed 5. What they set is how
-    much a wrong road bends the path: pitch and roll tripled end 8 times as far off on 06, 3 times with double floors."""
+    much a wrong road bends the path: pitch and roll tripled end 8 times as far off on 06, 3 with double floors."""
     road_pitch_floor_deg: Floor = 0.06
     road_roll_floor_deg: Floor = 0.1
     min_measured: Share = 0.5

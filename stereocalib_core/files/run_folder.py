@@ -6,6 +6,9 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stereocalib_core import config as settings
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files import io
@@ -35,10 +38,19 @@ def write_run(drive: Drive, folder: str | Path) -> None:
         io.write_rig(folder / RIG, drive.mount)
     if drive.poses is not None:
         io.write_kitti(folder / KITTI, drive.poses)
-        io.write_tum(folder / TUM, drive.frames.timestamp_s, drive.poses)
+        io.write_tum(folder / TUM, drive.frames.timestamp_s, without_gaps(drive, drive.poses))
     if drive.lidar is not None and drive.lidar.pose is not None:
         write_lidar_mended(folder / LIDAR, drive.lidar.pose)
     whole_file.write_json(folder / REPORT, report_of(drive))
+
+
+def without_gaps(drive: Drive, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4, 4) with NaN in gaps: TUM has a time in every line and needs none for a pose that the road does not bear
+    out. KITTI's format has one line a frame, whatever is known of it; there the report's gaps say which ones."""
+    known = poses.copy()
+    for first, last in drive.gaps:
+        known[(drive.frames.frame >= first) & (drive.frames.frame <= last)] = np.nan
+    return known
 
 
 def load_run(folder: str | Path) -> Drive:

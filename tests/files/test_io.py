@@ -9,11 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError, SourceError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import format_cell, read_extrinsics_csv, write_extrinsics_csv
+from stereocalib_core.files.run_folder import write_run
 from stereocalib_core.geometry import Extrinsics, rotation_x, rotation_y, rotation_z, transform
-from stereocalib_core.results import FilteredExtrinsics, FrameResult, FrameTable, Measured, Rig, RoadEstimate
+from stereocalib_core.results import (
+    BEST,
+    Drive,
+    DrivePath,
+    FilteredExtrinsics,
+    FrameResult,
+    FrameTable,
+    Measured,
+    OdometryErrors,
+    Rig,
+    RoadEstimate,
+)
 from stereocalib_core.system import whole_file
 
 HEADER = (
@@ -212,3 +225,17 @@ def test_gaps_are_failed_frames_and_motion_without_a_measurement() -> None:
     measured[9] = False
     assert table.gaps(measured) == ((3, 4), (7, 7), (9, 11))
     assert FrameTable.of([]).gaps() == ()
+
+
+def test_a_gap_has_no_line_in_the_tum_file(tmp_path: Path) -> None:
+    """Frames 12 and 13 of a run that began at 10; the KITTI file keeps its line a frame."""
+    results = [FrameResult(10 + i, 0.1 * i, None) for i in range(6)]
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 2, 3] = np.arange(6)
+    path = DrivePath(poses, np.zeros((6, 6, 6)), OdometryErrors(None))
+    drive = replace(Drive.of_frames(results, PipelineConfig()), paths={BEST: path}, gaps=((12, 13),))
+    write_run(drive, tmp_path)
+    times_s, known = io.read_tum(tmp_path / "trajectory.tum")
+    np.testing.assert_allclose(times_s, [0.0, 0.1, 0.4, 0.5])
+    np.testing.assert_allclose(known[:, 2, 3], [0, 1, 4, 5])
+    np.testing.assert_allclose(io.read_kitti(tmp_path / "trajectory.txt"), poses)

@@ -23,6 +23,7 @@ from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import write_extrinsics_csv
 from stereocalib_core.files.report import report_of
+from stereocalib_core.files.run_folder import without_gaps
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.results import BEST, Drive, DrivePath, OdometryErrors
 from stereocalib_core.results.difference import Difference
@@ -78,6 +79,8 @@ def shown_poses(session: Session, snapshot: Snapshot, corrections: Corrections) 
 def tum(session: Session, snapshot: Snapshot, settings: Settings) -> bytes:
     """The path in TUM format."""
     poses = shown_poses(session, snapshot, settings.corrections)
+    if snapshot.drive is not None:
+        poses = without_gaps(snapshot.drive, poses)
     times = session.source.epoch_s + np.asarray(session.source.timestamps_s[: len(poses)])
     return _written("trajectory.tum", lambda path: io.write_tum(path, times, poses))
 

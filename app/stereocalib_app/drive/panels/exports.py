@@ -35,7 +35,7 @@ def _sheet(session: Session, snapshot: Snapshot, settings: Settings, told: Told)
 
 
 FILES: tuple[tuple[str, str, Maker, str], ...] = (
-    ("Trajectory, TUM", "trajectory.tum", _quick(exports.tum), "time x y z qx qy qz qw, one line a frame"),
+    ("Trajectory, TUM", "trajectory.tum", _quick(exports.tum), "time x y z qx qy qz qw, no line in a gap"),
     ("Trajectory, KITTI", "trajectory.txt", _quick(exports.kitti), "12 numbers a line, one line a frame"),
     ("Extrinsics, CSV", "extrinsics.csv", _quick(exports.csv), "one row a frame, as from `stereocalib run`"),
     ("Report, JSON", "report.json", _quick(exports.report), "mount, rows of the pair, shifts, failures"),
