@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import stereocalib_core as sc
 from stereocalib_core.back.analyse import Workings, analyse_openly
 from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.back.odometry.trajectory import TrajectorySettings, trajectory
@@ -70,3 +71,14 @@ def test_rendered_yaw(rendered: tuple[Drive, Workings, np.ndarray]) -> None:
         assert drive.yaw_reason is not None and "straight" in drive.yaw_reason
     else:
         assert abs(np.rad2deg(drive.mount.yaw_rad.value) + 0.3) < 3 * np.rad2deg(drive.mount.yaw_rad.sigma)
+
+
+def test_behind_a_truck_there_is_no_road_and_no_figure() -> None:
+    """A truck fills the view from the first frame on: the whole way is a gap, and nothing is claimed of it."""
+    drive = sc.calibrate("synthetic:town?frames=10&fault=truck@0-9")
+    assert drive.frames_ok == 0
+    assert drive.gaps == ((0, 9),)
+    for name in drive.paths:
+        if name != "stereo_only":
+            errors = drive.paths[name].errors
+            assert errors.path_m is None and errors.final_translation_percent is None, name
