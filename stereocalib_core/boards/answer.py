@@ -66,6 +66,9 @@ def judge(
         spoilt = [Finding(f"{refused} of {used + refused} pairs are refused", "see the reason of each pair")]
     if spoilt and seen.verdict == "good":
         seen = replace(seen, verdict="weak", why=f"{spoilt[0]}.")
+    elif spoilt and refused > FINDING.most_refused * (used + refused):
+        # What the few pairs that are left can see is beside the point, and another board would not mend it.
+        seen = replace(seen, why=f"{spoilt[0]}.")
     elif spoilt:
         seen = replace(seen, why=f"{spoilt[0]}. {seen.why}")
     if advise is None:

@@ -22,7 +22,7 @@ from stereocalib_core.boards.joint import (
     plane_distances,
 )
 from stereocalib_core.boards.planes import tangent_basis
-from stereocalib_core.boards.solve import covariance_of
+from stereocalib_core.boards.solve import pseudo_inverse
 from stereocalib_core.config.boards import BEAM
 from stereocalib_core.numeric.arrays import Array
 
@@ -147,7 +147,8 @@ def covariance_of_beams(problem: JointProblem, state: JointState, beams: Beams, 
     toward = np.zeros((len(system.g_g), beams.count))
     toward[:6] = -pulls[:, :6].sum(axis=0)
     toward -= np.einsum("mgb,mbc,mck->gk", system.H_gb, inverse, pulls)
-    moved = covariance_of(system.reduced())[:6] @ toward
+    # Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams.
+    moved = pseudo_inverse(system.reduced())[:6] @ toward
     return np.asarray(beams.variance * moved @ moved.T)
 
 

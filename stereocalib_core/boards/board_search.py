@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.outline import Outline, fit_outline
 from stereocalib_core.boards.planes import plane_through, ransac_plane, tangent_basis
-from stereocalib_core.config.boards import CLOUD_SEARCH
+from stereocalib_core.config.boards_search import CLOUD_SEARCH
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import mad_sigma

@@ -48,7 +48,8 @@ from stereocalib_core.boards.variance_components import (
     with_scale,
 )
 from stereocalib_core.boards.wrong_pairs import wrong_pairs
-from stereocalib_core.config.boards import BEAM, CONSENSUS, OBSERVABILITY, REFINE, VARIANCE
+from stereocalib_core.config.boards import BEAM, OBSERVABILITY, REFINE, VARIANCE
+from stereocalib_core.config.boards_search import CONSENSUS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.rotations import apply_twist, skew
-from stereocalib_core.config.boards import CHESSBOARD
+from stereocalib_core.config.boards_search import CHESSBOARD
 from stereocalib_core.geometry import Plane, transform
 from stereocalib_core.numeric.arrays import Array
 

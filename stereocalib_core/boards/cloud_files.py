@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards import pcd, ply
-from stereocalib_core.config.boards import CLOUD_FILE
+from stereocalib_core.config.boards_search import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 

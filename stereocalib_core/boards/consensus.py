@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.rotations import nearest_rotation, rigid
-from stereocalib_core.config.boards import CONSENSUS
+from stereocalib_core.config.boards_search import CONSENSUS
 from stereocalib_core.numeric.arrays import Array
 
 FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])

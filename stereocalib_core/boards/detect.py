@@ -30,7 +30,7 @@ from stereocalib_core.boards.observability import edge_on_words
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.pattern import true_pattern
 from stereocalib_core.boards.planes import fit_plane
-from stereocalib_core.config.boards import CHESSBOARD, CLOUD_SEARCH, CONSENSUS
+from stereocalib_core.config.boards_search import CHESSBOARD, CLOUD_SEARCH, CONSENSUS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import invert_transform
 from stereocalib_core.numeric.arrays import Array

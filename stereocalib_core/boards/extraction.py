@@ -8,7 +8,7 @@ from stereocalib_core.boards.observation import BoardSpec, PlaneEstimate
 from stereocalib_core.boards.outline import fit_outline, meet, rays_inside
 from stereocalib_core.boards.planes import fit_plane, plane_through, ransac_plane
 from stereocalib_core.boards.rotations import angle_between
-from stereocalib_core.config.boards import EXTRACTION
+from stereocalib_core.config.boards_search import EXTRACTION
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD

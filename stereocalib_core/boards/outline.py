@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.observation import BoardSpec
 from stereocalib_core.boards.planes import tangent_basis
-from stereocalib_core.config.boards import OUTLINE
+from stereocalib_core.config.boards_search import OUTLINE
 from stereocalib_core.geometry import Plane
 from stereocalib_core.numeric.arrays import Array
 

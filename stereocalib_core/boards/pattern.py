@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.chessboard import shows_pattern
 from stereocalib_core.boards.observation import BoardSpec
-from stereocalib_core.config.boards import CHESSBOARD
+from stereocalib_core.config.boards_search import CHESSBOARD
 
 
 def true_pattern(pictures: Sequence[NDArray[np.uint8]], board: BoardSpec) -> tuple[BoardSpec, str]:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.config.boards import CLOUD_FILE
+from stereocalib_core.config.boards_search import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stereocalib_core.config.boards import CLOUD_FILE
+from stereocalib_core.config.boards_search import CLOUD_FILE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
 

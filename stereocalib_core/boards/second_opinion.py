@@ -12,7 +12,7 @@ from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.joint import Free, JointProblem, linearise
 from stereocalib_core.boards.refine import Refined, refine
 from stereocalib_core.boards.rotations import rotation_vector
-from stereocalib_core.boards.solve import covariance_of, split_covariance
+from stereocalib_core.boards.solve import covariance_of, pseudo_inverse, split_covariance
 from stereocalib_core.config.boards import SECOND_OPINION, VARIANCE
 from stereocalib_core.numeric.arrays import Array
 
@@ -93,7 +93,7 @@ def covariance_with_doubt(
     else:
         # T is for the stated size, whatever the data say of it: the ruler's error moves it in full.
         known = covariance_of(information[:-1, :-1])
-        moved_by = known[:6] @ information[:-1, -1] * VARIANCE.scale_sigma
+        moved_by = pseudo_inverse(information[:-1, :-1])[:6] @ information[:-1, -1] * VARIANCE.scale_sigma
         covariance = scatter * known[:6, :6] + np.outer(moved_by, moved_by)
     if beams is not None:
         covariance = covariance + covariance_of_beams(problem, held.state, beams, free)

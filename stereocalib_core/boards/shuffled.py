@@ -6,7 +6,8 @@ import numpy as np
 
 from stereocalib_core.boards.consensus import Candidates, agree
 from stereocalib_core.boards.detect import Detection
-from stereocalib_core.config.boards import CONSENSUS, FINDING
+from stereocalib_core.config.boards import FINDING
+from stereocalib_core.config.boards_search import CONSENSUS
 
 
 def shuffled_clouds(found: Detection) -> dict[str, str]:

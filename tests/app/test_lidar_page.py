@@ -171,6 +171,27 @@ def test_the_slider_shows_another_pair(page: Any, view: LidarView) -> None:
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize(("how", "changes"), [("blink", "opacity"), ("wipe", "clipPath")])
+def test_before_and_after_in_one_place(page: Any, view: LidarView, how: str, changes: str) -> None:
+    view.session.change(compare=how)
+    page.locator(f'.compared[data-how="{how}"] img').nth(1).wait_for(timeout=30_000)
+    assert not view.page._after.visible
+    sizes = page.locator(".compared img").evaluate_all("all => all.map(e => [e.naturalWidth, e.clientWidth])")
+    assert sizes[0] == sizes[1]
+    assert sizes[0][0] > 400
+    upper = page.locator(".compared img.over")
+    seen = {upper.evaluate(f"e => getComputedStyle(e).{changes}")}
+
+    def changed() -> bool:
+        seen.add(upper.evaluate(f"e => getComputedStyle(e).{changes}"))
+        return len(seen) > 1
+
+    until(changed, what="motion")
+    view.session.change(compare="one above the other")
+    until(lambda: view.page._after.visible and not page.locator(".compared").count(), what="apart again")
+
+
+@pytest.mark.browser
 def test_exports(page: Any, view: LidarView, tmp_path: Path) -> None:
     tab(page, "Export")
     for label, name in (

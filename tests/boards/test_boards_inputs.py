@@ -13,7 +13,9 @@ import pytest
 import yaml
 from stereocalib_app.cli.main import main
 
+from stereocalib_core.boards.answer import judge
 from stereocalib_core.boards.board_search import BoardCandidate
+from stereocalib_core.boards.calibrate import calibrate
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.cloud_files import read_cloud
 from stereocalib_core.boards.detect import Detection
@@ -156,6 +158,25 @@ def test_clouds_in_another_order_are_matched_to_their_pictures() -> None:
     assert shuffled_clouds(found) == {names[i]: names[k] for i, k in enumerate(order)}
     assert "clouds fit other pictures" in findings(found, None)[0].cause
     assert shuffled_clouds(detection(list(range(8)))) == {}
+
+
+def test_pictures_and_clouds_of_different_poses_have_one_cause_in_front() -> None:
+    seen, other = (
+        paper.simulate_boards(8, np.random.default_rng(seed), paper.SimulatedNoise(0.3, 0.01))
+        for seed in (4, 5)
+    )
+    mixed = tuple(
+        replace(a, points_lidar=b.points_lidar, lidar_plane=b.lidar_plane)
+        for a, b in zip(seen, other, strict=True)
+    )
+    result = calibrate(mixed, paper.BOARD, paper.CAMERA)
+    answer = judge(Detection(paper.BOARD, paper.CAMERA, mixed), result)
+    assert not answer.trusted
+    assert answer.why.startswith("picture and cloud do not show the same pose")
+    assert "take both while the board stands still" in answer.why
+    assert "add a board" not in answer.why
+    # Unknown is a metre and a radian, not a number without sense.
+    assert np.sqrt(np.diag(result.covariance)).max() < 20.0
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from typing import Any
 import viser
 
 from stereocalib_app.boards.panels import ExportPanel, NudgePanel, PairsPanel, ResultPanel
-from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture
+from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture, one_over_the_other
 from stereocalib_app.boards.scene import LidarScene, look_from
-from stereocalib_app.boards.session import LidarSession, LidarSnapshot
+from stereocalib_app.boards.session import COMPARISONS, LidarSession, LidarSnapshot
 from stereocalib_app.widgets import canvas
 from stereocalib_app.widgets.page_base import PageBase, set_theme
 from stereocalib_app.widgets.picture import PictureView
@@ -47,14 +47,21 @@ class LidarPage(PageBase):
         panel.set_width(VIEWS_WIDTH_PX)
         with panel.add_tab("Cloud on picture"):
             self._close_up: Any = gui.add_checkbox("Close-up", False, hint="Only the board, larger.")
+            self._compare: Any = gui.add_dropdown(
+                "Before and after",
+                COMPARISONS,
+                hint="What moves between two pictures in one place, the eye sees at once.",
+            )
             self._after = PictureView(gui, WIDTH_PX)
             self._before = PictureView(gui, WIDTH_PX)
+            self._overlay: Any = gui.add_html("", visible=False)
             self._explain = gui.add_markdown(
                 "Near points are red, far ones blue. A good calibration puts the jump in range on the board's "
                 "edge. The linear solution is where the refinement starts."
             )
             gui.add_html(style_sheet())
         self.on_input(self._close_up, lambda value: self.session.change(close_up=value))
+        self.on_input(self._compare, lambda value: self.session.change(compare=str(value)))
         with panel.add_tab("3-D"):
             boxes = [
                 gui.add_checkbox(label, True, hint=hint)
@@ -167,6 +174,7 @@ class LidarPage(PageBase):
         for handle, value in (
             (self._slider, snapshot.wish.pair + 1),
             (self._close_up, snapshot.wish.close_up),
+            (self._compare, snapshot.wish.compare),
         ):
             if handle.value != value:
                 handle.value = value
@@ -179,7 +187,7 @@ class LidarPage(PageBase):
 
     def _show_pictures(self, snapshot: LidarSnapshot, name: str) -> None:
         detection, result = snapshot.detection, snapshot.result
-        key = (name, result, snapshot.trial, snapshot.wish.close_up)
+        key = (name, result, snapshot.trial, snapshot.wish.close_up, snapshot.wish.compare)
         same = len(self._drawn) == len(key) and all(a is b for a, b in zip(self._drawn, key, strict=True))
         if detection is None or same:
             return
@@ -188,6 +196,8 @@ class LidarPage(PageBase):
             blank = canvas.notice(WIDTH_PX, 380, "no result", "tick some pairs")
             for handle in (self._after, self._before):
                 handle.show(canvas.encode_jpeg(blank))
+                handle.visible = True
+            self._overlay.visible = False
             self._drawn = key
             return
         after = result.T_camera_lidar if snapshot.trial is None else snapshot.trial.T_camera_lidar
@@ -206,6 +216,12 @@ class LidarPage(PageBase):
                 snapshot.wish.close_up,
             )  # fmt: skip
             handle.show(canvas.encode_jpeg(picture))
+        apart = snapshot.wish.compare == COMPARISONS[0]
+        self._after.visible = self._before.visible = apart
+        self._overlay.visible = not apart
+        self._overlay.content = (
+            "" if apart else one_over_the_other(self._before.jpeg, self._after.jpeg, snapshot.wish.compare)
+        )
         self._drawn = key
 
     def _look(self, snapshot: LidarSnapshot) -> None:

@@ -77,6 +77,28 @@ def cloud_over_picture(
     return canvas.titled(body, title, note=note)
 
 
+def one_over_the_other(before: bytes, after: bytes, how: str) -> str:
+    """HTML of two JPEGs of one size in one place.
+
+    "blink" changes them each second, "wipe" draws a curtain over them to and fro.
+    """
+    motion = (
+        "@keyframes over{0%,49.9%{opacity:1}50%,100%{opacity:0}}"
+        if how == "blink"
+        else "@keyframes over{from{clip-path:inset(0 0 0 0)}to{clip-path:inset(0 0 0 100%)}}"
+    )
+    pace = "over 2s infinite" if how == "blink" else "over 4s ease-in-out infinite alternate"
+    first, second = (base64.b64encode(picture).decode() for picture in (before, after))
+    # Over it the hand holds the motion: a place can be looked at.
+    return (
+        f"<style>{motion}.over{{animation:{pace}}}.compared:hover .over{{animation-play-state:paused}}</style>"
+        f'<div class="compared" data-how="{how}" style="position:relative;margin:0.5em 1em">'
+        f'<img alt="before" style="width:100%;display:block" src="data:image/jpeg;base64,{first}">'
+        '<img alt="after" class="over" style="width:100%;position:absolute;left:0;top:0" '
+        f'src="data:image/jpeg;base64,{second}"></div>'
+    )
+
+
 def thumbnail_rule(index: int, path: Path | None) -> str:
     """A CSS rule that gives the class of pair `index` its small picture; dark where there is none.
 

@@ -36,6 +36,8 @@ from stereocalib_core.errors import SourceError, StereoCalibError
 LOG = logging.getLogger(__name__)
 KEPT_PAIRS = 12
 NO_NUDGE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+COMPARISONS = ("one above the other", "blink", "wipe")
+"""How the pictures before and after the refinement are shown."""
 AT_REST = ("solving", "ready", "failed")
 Nudge = tuple[float, float, float, float, float, float]
 
@@ -53,6 +55,7 @@ class Wish:
     nudge: Nudge = NO_NUDGE
     close_up: bool = False
     before: bool = True
+    compare: str = COMPARISONS[0]
     refine: bool = False
     kappa: float = 0.0
 

@@ -18,6 +18,16 @@ class PictureView:
         self._image = gui.add_image(np.full((8, width_px, 3), BLANK_GREY, np.uint8), format="jpeg")
         self.jpeg = b""
 
+    @property
+    def visible(self) -> bool:
+        """Whether it takes its place in the panel."""
+        return bool(self._image.visible)
+
+    @visible.setter
+    def visible(self, wanted: bool) -> None:
+        if self._image.visible != wanted:
+            self._image.visible = wanted
+
     def show(self, jpeg: bytes) -> None:
         """Show encoded bytes."""
         self.jpeg = jpeg
