@@ -30,7 +30,7 @@ from stereocalib_core.config import RoadCheckConfig
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.scan import lane_kernels as kernels
 from stereocalib_core.front.scan.road_surface import RoadSurface
-from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
+from stereocalib_core.geometry import Extrinsics, Plane, StereoCamera, invert_transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult, RoadResidual
@@ -208,4 +208,9 @@ def warm_up() -> None:
     z, x = (grid.ravel() for grid in np.meshgrid(np.linspace(5.0, 19.0, 30), np.linspace(-1.5, 1.5, 10)))
     scan = np.stack([x, np.zeros_like(x), z, np.zeros_like(x)], axis=1).astype(np.float32)
     config = RoadCheckConfig()
-    fit_lane(lane_points(scan, np.eye(4), Extrinsics(0.0, 0.0, 0.0), 4.0, 20.0, config), config)
+    level = Extrinsics(0.0, 0.0, 0.0)
+    fit_lane(lane_points(scan, np.eye(4), level, 4.0, 20.0, config), config)
+    camera = StereoCamera(64, 48, 50.0, 31.5, 23.5, 0.5)
+    tiles, tile = np.zeros((1, 1), np.int32), np.array([13.0, 7.0])
+    surface = RoadSurface(camera, tiles, np.array([31.5, 23.5]), tile, np.zeros(1), (4.0, 20.0))
+    surface_points(scan, np.eye(4), level, surface, config)
