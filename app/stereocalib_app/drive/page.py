@@ -275,7 +275,8 @@ class Page(PageBase):
         if settings_changed and not frame_changed:
             # The path follows a slider at once; the pictures come right after it.
             with self.api.atomic():
-                self.scene.show_paths(moment)
+                if not self._closed:
+                    self.scene.show_paths(moment)
             self.api.flush()
         if last is None:
             # The first picture may take seconds (a world to be built): the page can be used before.
@@ -291,6 +292,9 @@ class Page(PageBase):
     def _show(self, moment: Moment) -> None:
         """Everything of one moment in one window of messages."""
         with self.api.atomic():
+            if self._closed:
+                # Closed while a picture was made: the elements are gone.
+                return
             for part in (self.views, self.header, self.plots, self.scene):
                 part.update(moment)
         self.api.flush()
