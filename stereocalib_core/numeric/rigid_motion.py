@@ -26,14 +26,14 @@ def _accumulate(
     R: Array,
     t: Array,
     depth: float,
-    scaled: bool,
+    scaled: float,
     weight: float,
     H: Array,
     g: Array,
 ) -> tuple[float, float]:
     """Add the normal equations of points first ... last to H (7, 7, lower) and g (7,).
 
-    depth: factor of their inverse depths, whose logarithm is the seventh unknown if `scaled`. weight: 1 / Cauchy
+    depth: factor of their inverse depths, whose logarithm is the seventh unknown if `scaled` > 0. weight: 1 / Cauchy
     scale^2 (normalised units). Returns the weighted squared error and the sum of weights.
     """
     r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
@@ -90,7 +90,7 @@ def _accumulate(
         b[3] += w * u3 * ru
         b[4] += w * v4 * rv
         b[5] += w * (u5 * ru + v5 * rv)
-        if scaled:
+        if scaled > 0.0:
             u6, v6 = s * (t0 - X * t2), s * (t1 - Y * t2)
             a[21] += w * (u6 * u0 + v6 * v0)
             a[22] += w * (u6 * u1 + v6 * v1)
@@ -154,8 +154,9 @@ def full_pair(
     for _ in range(iterations):
         H[:] = 0.0
         g[:] = 0.0
-        cost, total = _accumulate(rays, first, middle, R, t, 1.0, False, scale, H, g)
-        more, weight = _accumulate(rays, middle, last, R, t, depth, size == 7, scale, H, g)
+        # a flag that is a number and no literal: one compilation serves both
+        cost, total = _accumulate(rays, first, middle, R, t, 1.0, 0.0, scale, H, g)
+        more, weight = _accumulate(rays, middle, last, R, t, depth, size - 6.0, scale, H, g)
         cost, total = cost + more, total + weight
         H[6, 6] += prior
         g[6] -= prior * np.log(depth)

@@ -6,6 +6,8 @@ mismatches. It is not the odometry; that is the back end's.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -59,11 +61,14 @@ def robust_motion(
     candidates = np.zeros((samples + 1, 6))
     scores = np.zeros(samples + 1)
     tolerance = tolerance_px / focal_px
+    # as literals they would be compiled for by themselves
+    none: Any = np.int64(0)
+    three: Any = np.int64(3)
     for s in range(samples + 1):
         motion = predicted.copy()
         information = np.zeros((6, 6))
         if s == 0:
-            full_pair(rays, 0, 0, count, motion, focal_px, 1.0, 4.0 * tolerance_px, solver, information)
+            full_pair(rays, none, none, count, motion, focal_px, 1.0, 4.0 * tolerance_px, solver, information)
         else:
             triple = np.empty((5, 3))
             seed = np.uint64(s * 2654435761 + 12345)
@@ -73,13 +78,13 @@ def robust_motion(
                 )
                 pick = np.int64((seed >> np.uint64(33)) % np.uint64(count))
                 triple[:, k] = rays[:, pick]
-            full_pair(triple, 0, 0, 3, motion, focal_px, 1.0, 1000.0, solver, information)
+            full_pair(triple, none, none, three, motion, focal_px, 1.0, 1000.0, solver, information)
         candidates[s] = motion
         scores[s] = _score(rays, votes, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
-    full_pair(rays, 0, 0, count, motion, focal_px, 1.0, 0.5 * tolerance_px, solver, information)
+    full_pair(rays, none, none, count, motion, focal_px, 1.0, 0.5 * tolerance_px, solver, information)
     refined = _score(rays, votes, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined
