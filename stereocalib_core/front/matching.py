@@ -36,7 +36,8 @@ class Matcher(Protocol):
     left, right: (H, W) uint8 grey. The map holds geometric disparity in full-resolution pixels (the camera's
     `disparity_offset_px` taken off), NaN where there is none, on a grid of whole picture pixels.
     step: picture pixels per cell that are wished, farthest_px: the largest disparity that is needed; None = as
-    `config` has it. A matcher may do better than either.
+    `config` has it. A matcher may do better than either. The pictures may be part of a pair, the rows below its
+    horizon or above, and `camera` that part's: see `front.horizon`. Two pairs may be matched at once.
     """
 
     def __call__(

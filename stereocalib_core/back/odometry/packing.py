@@ -116,7 +116,7 @@ def pack_tracks(
     """Tracks of consecutive frames to one block; `Tracks.previous` is one of `frames` (default 0, 1, ...)."""
     count = len(tracks)
     row_of = {frame: row for row, frame in enumerate(range(count) if frames is None else frames)}
-    blocks: list[NDArray[np.float32]] = []
+    whole: dict[int, NDArray[np.bool_]] = {}
     start = np.zeros(count + 1, dtype=np.int64)
     road_end = np.zeros(count, dtype=np.int64)
     previous = np.full(count, -1, dtype=np.int64)
@@ -124,22 +124,28 @@ def pack_tracks(
         start[i + 1] = road_end[i] = start[i]
         if pair is None or len(pair) == 0 or row_of.get(pair.previous, count) >= i:
             continue
-        whole = np.isfinite(pair.points[:, :5]).all(axis=1) & (pair.points[:, 2] > 0)
-        blocks += [pair.points[whole & pair.on_road], pair.points[whole & ~pair.on_road]]
-        road_end[i] += len(blocks[-2])
-        start[i + 1] = road_end[i] + len(blocks[-1])
+        whole[i] = np.isfinite(pair.points[:, :5]).all(axis=1) & (pair.points[:, 2] > 0)
+        road_end[i] += np.count_nonzero(whole[i] & pair.on_road)
+        start[i + 1] = road_end[i] + np.count_nonzero(whole[i] & ~pair.on_road)
         previous[i] = row_of[pair.previous]
-    points = np.concatenate([*blocks, np.zeros((0, 6), np.float32)]).astype(np.float64).T
     f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
-    rays = np.stack(
-        [
-            (points[0] - camera.cx_px) / f,
-            (points[1] - camera.cy_px) / f,
-            points[2] / fb,
-            (points[3] - camera.cx_px) / f,
-            (points[4] - camera.cy_px) / f,
-        ]
-    )
+    # pair by pair to its place: an hour's drive has tens of millions of points, and no room for a second copy
+    rays = np.empty((5, start[-1]))
+    for i, kept in whole.items():
+        pair = tracks[i]
+        assert pair is not None
+        for kind, first, last in (
+            (pair.on_road, start[i], road_end[i]),
+            (~pair.on_road, road_end[i], start[i + 1]),
+        ):
+            u, v, d, u_now, v_now = pair.points[kept & kind, :5].astype(np.float64).T
+            rays[:, first:last] = (
+                (u - camera.cx_px) / f,
+                (v - camera.cy_px) / f,
+                d / fb,
+                (u_now - camera.cx_px) / f,
+                (v_now - camera.cy_px) / f,
+            )
     ok = np.ones(count, dtype=bool) if road_ok is None else np.asarray(road_ok, dtype=bool)
     settings = config or OdometryConfig()
-    return PackedTracks(camera, np.ascontiguousarray(rays), start, road_end, previous, ok, settings)
+    return PackedTracks(camera, rays, start, road_end, previous, ok, settings)
