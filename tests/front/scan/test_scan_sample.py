@@ -193,4 +193,5 @@ def test_a_scan_takes_little_time(real) -> None:  # type: ignore[no-untyped-def]
             results[0].road.extrinsics, config.scan_sample,
         )  # fmt: skip
         times.append(time.thread_time() - began)
-    assert min(times) < 0.006
+    # 2.5 ms on the reference machine; five times that, since others may be at work on it
+    assert min(times) < 0.0125
