@@ -34,7 +34,20 @@ def looks(
         return
     with closing(prefetch(source, start, stop)) as frames:
         for frame in frames:
-            yield frame, front_end.look(frame)
+            yield frame, _look(front_end, frame)
+
+
+def _look(front_end: FrontEnd, frame: StereoFrame, seen: Prepared | None = None) -> Look:
+    """`front_end.look`; a Ctrl-C in the moment in which a compiled loop hands over its result stays a Ctrl-C."""
+    try:
+        return front_end.look(frame) if seen is None else front_end.look(frame, seen)
+    except SystemError as error:
+        cause: BaseException | None = error
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise KeyboardInterrupt from None
+        raise
 
 
 def _ahead(
@@ -70,7 +83,7 @@ def _ahead(
                 begin(past)
             while waiting:
                 frame, seen = waiting.popleft().result()
-                look = front_end.look(frame, seen)
+                look = _look(front_end, frame, seen)
                 begin(front_end.pasts[-1])
                 yield frame, look
         finally:

@@ -117,3 +117,24 @@ def test_what_goes_wrong_ahead_is_told_when_its_frame_is_due(drive: Recording, t
         for step in follow(drive, config, matcher=fails):
             done.append(step.done.result.frame)
     assert done == [0, 1, 2, 3]
+
+
+def test_ctrl_c_inside_a_compiled_loop_is_a_ctrl_c(
+    drive: Recording, two_cores: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba wraps it where it strikes as a loop returns; any other such error is told as it is."""
+
+    def wrapped(cause: BaseException) -> None:
+        def look(*_: object) -> None:
+            try:
+                raise SystemError("returned a result with an exception set") from cause
+            except SystemError as error:
+                raise SystemError("and so did who called it") from error
+
+        monkeypatch.setattr(FrontEnd, "look", look)
+        next(follow(drive, PipelineConfig()))
+
+    with pytest.raises(KeyboardInterrupt):
+        wrapped(KeyboardInterrupt())
+    with pytest.raises(SystemError):
+        wrapped(ValueError())
