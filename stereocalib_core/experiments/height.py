@@ -88,7 +88,7 @@ def run(out: Path, source: str | None = None, progress: Progress | None = None) 
 def measure(frame: StereoFrame, camera: StereoCamera, config: PipelineConfig) -> dict[str, Seen]:
     """What each method of `RAW` makes of one pair; methods that say nothing are left out."""
     road = _road(frame, camera, config)
-    if road is None or road.disparity is None or road.free is None:
+    if road is None or not road.drawable:
         return {}
     maps = {"whole_map": road.disparity.values > 0, "free_map": road.free}
     fits: dict[str, PaperFit | None] = {}

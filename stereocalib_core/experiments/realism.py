@@ -47,7 +47,7 @@ def picture_statistics(
     """(len(NAMES),) of one stereo pair; NaN where there is no road."""
     result = estimate_road(left, right, source.camera, PipelineConfig())
     values = np.full(len(NAMES), np.nan)
-    if result.disparity is not None:
+    if result.matched is not None:
         values[0] = float(np.mean(result.disparity.values > 0))
     if result.free_fraction is not None:
         values[1] = result.free_fraction

@@ -77,7 +77,7 @@ def measure(left: Grey, right: Grey) -> list[list[float]]:
     config = PipelineConfig()
     road = estimate_road(left, right, CAMERA, config)
     found: dict[str, Extrinsics | None] = {}
-    if road.disparity is not None and road.free is not None:
+    if road.drawable:
         cells = road.disparity, road.free, CAMERA, config
         for suffix, corridor_m in (("", None), ("_corridor", CORRIDOR_M)):
             fit = fit_cells(*cells, corridor_m)

@@ -19,14 +19,11 @@ from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
 from stereocalib_core.front.road.estimate import (
     Hint,
-    RoadAttempt,
-    RoadResult,
     begin_road,
     estimate_road,
     finish_road,
 )
-from stereocalib_core.front.road.stages import RoadStages
-from stereocalib_core.front.road.uv_disparity import v_disparity
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
 from stereocalib_core.front.scan.road_surface import RoadSurface
@@ -62,7 +59,7 @@ class Prepared:
     """
 
     examined: Examination
-    begun: RoadAttempt
+    begun: RoadResult
     rows_ms: float
 
 
@@ -189,7 +186,7 @@ class FrontEnd:
     def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
         """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
         estimate = road.estimate
-        if estimate is None or road.disparity is None or road.free is None:
+        if estimate is None:
             return estimate, ()
         way = curvature_of(self._tracker.motion, estimate.extrinsics.height_m, self.config.region)
         bend = bend_ahead(road.disparity, road.free, self.camera, estimate.extrinsics, self.config.lane, way)
@@ -206,7 +203,7 @@ class FrontEnd:
         surface = RoadSurface.of(road, self.camera, config.direct)
         residual = scan_residual(frame, result, T, config.road_check, surface)
         sample = None
-        if frame.left is not None and road.disparity is not None:
+        if frame.left is not None and road.matched is not None:
             over = None if result.road is None else result.road.extrinsics
             sample = sample_scan(
                 *(frame.lidar, frame.left, road.disparity, self.camera, T, over),
@@ -214,7 +211,7 @@ class FrontEnd:
             )
         seen = None
         wanted = config.scan_disparity.wanted(frame.index)
-        if wanted and frame.left is not None and frame.right is not None and road.disparity is not None:
+        if wanted and frame.left is not None and frame.right is not None and road.matched is not None:
             seen = scan_disparities(
                 self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
                 config.scan_disparity, result.rectification,
@@ -235,7 +232,7 @@ class FrontEnd:
         )
 
     def _track(self, index: int, left: Grey, right: Grey, road: RoadResult) -> Tracks | None:
-        if road.disparity is None:
+        if road.matched is None:
             return None
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
@@ -288,7 +285,7 @@ class FrontEnd:
         """Start the tracks again at a pair whose road is known. past: what it was prepared with."""
         prepared = self.prepare(frame, past)
         assert prepared is not None and frame.left is not None and frame.right is not None
-        disparity = prepared.begun.disparity
+        disparity = prepared.begun.matched
         assert disparity is not None
         view = PairView(
             frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
@@ -297,7 +294,7 @@ class FrontEnd:
 
     def stages(
         self, frame: StereoFrame, before: Sequence[tuple[FrameResult, FrontEndMemory]] = ()
-    ) -> RoadStages | None:
+    ) -> RoadResult | None:
         """Every intermediate picture of one pair, for display; None where there is no disparity to show.
 
         before: the frames before it, as in `recall`: the pair is then seen as the drive saw it.
@@ -307,7 +304,7 @@ class FrontEnd:
             return None
         if not before or not self._is_mine(frame):
             road = estimate_road(left, right, frame.camera or self.camera, config, self.matcher)
-            return road_stages(road, config)
+            return road if road.drawable else None
         drive = FrontEnd(self.camera, config, self.matcher, self.T_camera_lidar)
         for result, remembered in before:
             drive._replay(result, remembered)
@@ -315,29 +312,4 @@ class FrontEnd:
         prepared = drive.prepare(frame, drive._pasts[0])
         assert prepared is not None
         road = finish_road(prepared.begun, left, right, self.camera, config, drive._hint(), compare=True)
-        return road_stages(road, config)
-
-
-def road_stages(road: RoadResult, config: PipelineConfig) -> RoadStages | None:
-    """The display form of a `RoadResult`."""
-    if road.disparity is None or road.u_counts is None or road.free is None or road.obstacles is None:
-        return None
-    bin_px = road.bin_px
-    bins = len(road.u_counts)
-    values = road.disparity.values
-    profile = None if road.paper is None else (road.paper.profile.slope, road.paper.profile.intercept_px)
-    return RoadStages(
-        disparity=road.disparity,
-        bin_px=bin_px,
-        u_disparity=road.u_counts,
-        v_disparity=v_disparity(values, road.free, bin_px, bins),
-        v_disparity_whole=v_disparity(values, values > 0, bin_px, bins),
-        obstacles=road.obstacles,
-        free=road.free,
-        road=np.zeros_like(road.free) if road.road is None else road.road,
-        profile=profile,
-        paper=None if road.paper is None else road.paper.extrinsics,
-        estimate=road.estimate,
-        failure=road.failure,
-        checks=road.checks,
-    )
+        return road if road.drawable else None

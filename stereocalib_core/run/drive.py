@@ -233,7 +233,7 @@ def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Dri
         del earlier
         for step in steps:
             result, road = checkpoint.append(step.done).result, step.look.road
-            _show(observers, step.frame, result, None if road is None else road.disparity)
+            _show(observers, step.frame, result, None if road is None else road.matched)
             if progress:
                 progress(len(checkpoint), job.stop - job.start, job.doing)
         elapsed_s += time.perf_counter() - began

@@ -14,17 +14,17 @@ from stereocalib_app.widgets import canvas, palette
 
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.front.road.stages import DisparityMap, RoadStages
-from stereocalib_core.front.road.uv_disparity import u_disparity, v_disparity
+from stereocalib_core.front.road.result import RoadResult
+from stereocalib_core.front.road.uv_disparity import u_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.results import RoadEstimate
+from stereocalib_core.results import DisparityMap, RoadEstimate
 
 CAMERA = StereoCamera(640, 320, 500.0, 320.0, 140.0, 0.5)
 TRUTH = Extrinsics.from_degrees(1.6, 2.0, 3.0)
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[StereoFrame, RoadStages]:
+def seen() -> tuple[StereoFrame, RoadResult]:
     """A flat road with a wall on its left quarter."""
     step = 2
     rows, columns = CAMERA.height // step, CAMERA.width // step
@@ -36,27 +36,20 @@ def seen() -> tuple[StereoFrame, RoadStages]:
     values[wall] = 30.0
     free = np.isfinite(values) & ~wall
     estimate = RoadEstimate(TRUTH, np.diag([0.01, 0.001, 0.001]) ** 2, int(free.sum()), 0.8, (4.0, 20.0))
-    whole = np.isfinite(values)
-    stages = RoadStages(
+    stages = RoadResult(
         DisparityMap(values, step),
         1.0,
         u_disparity(values, 1.0, 96),
-        v_disparity(values, free, 1.0, 96),
-        v_disparity(values, whole, 1.0, 96),
         wall,
         free,
         free,
-        None,
-        TRUTH,
-        estimate,
-        None,
-        (),
+        estimate=estimate,
     )
     left = np.full((CAMERA.height, CAMERA.width), 128, np.uint8)
     return StereoFrame(7, 0.7, left, left), stages
 
 
-def test_horizon_is_drawn_where_geometry_says(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_horizon_is_drawn_where_geometry_says(seen: tuple[StereoFrame, RoadResult]) -> None:
     picture = render.left_view(*seen, CAMERA)
     yellow = np.abs(picture.astype(int) - palette.HORIZON).max(axis=2) < 60
     for u in (40, 200, 500):
@@ -66,7 +59,7 @@ def test_horizon_is_drawn_where_geometry_says(seen: tuple[StereoFrame, RoadStage
         assert abs(rows.mean() - expected) < 1.5
 
 
-def test_colours_mean_the_same_in_every_view(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_colours_mean_the_same_in_every_view(seen: tuple[StereoFrame, RoadResult]) -> None:
     frame, stages = seen
     picture = render.free_map_view(frame, stages, 640, 320)
     assert np.abs(picture[300, 500].astype(int) - palette.ROAD).max() < 40
@@ -76,7 +69,7 @@ def test_colours_mean_the_same_in_every_view(seen: tuple[StereoFrame, RoadStages
     assert columns[wall_row, 40, 0] > 180 > columns[wall_row, 40, 2]
 
 
-def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadResult]) -> None:
     looked = Seen(*seen, CAMERA, TRUTH)
     for name, stage in STAGES.items():
         picture = stage_table.draw(name, looked)
@@ -90,7 +83,7 @@ def test_every_stage_is_drawn_and_knows_its_axes(seen: tuple[StereoFrame, RoadSt
 
 @pytest.mark.parametrize("name", list(STAGES))
 def test_a_small_picture_shows_what_the_large_one_does(
-    name: str, seen: tuple[StereoFrame, RoadStages]
+    name: str, seen: tuple[StereoFrame, RoadResult]
 ) -> None:
     """Lines too: a small v-disparity has its profile where the large one has it."""
     looked = Seen(*seen, CAMERA, TRUTH)
@@ -106,7 +99,7 @@ def test_a_small_picture_shows_what_the_large_one_does(
             np.testing.assert_allclose(np.array(part) / few, np.array(whole) / most, atol=0.02)
 
 
-def test_the_sheet_holds_every_stage_where_it_says(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_the_sheet_holds_every_stage_where_it_says(seen: tuple[StereoFrame, RoadResult]) -> None:
     sheet, places = contact_sheet(list(STAGES), Seen(*seen, CAMERA, TRUTH))
     assert [place.name for place in places] == list(STAGES)
     for place in places:
@@ -134,9 +127,7 @@ def test_left_minus_right_is_grey_only_over_the_true_road() -> None:
     road = np.asarray(plane.disparity(CAMERA, u[::2, ::2] + 0.5, v[::2, ::2] + 0.5) > 5.0)
     values = np.where(road, 10.0, np.nan).astype(np.float32)
     counts = np.zeros((4, 4), np.int32)
-    stages = RoadStages(
-        DisparityMap(values, 2), 1.0, counts, counts, counts, ~road, road, road, None, None, None, None, ()
-    )
+    stages = RoadResult(DisparityMap(values, 2), 1.0, counts, ~road, road, road)
     frame = StereoFrame(0, 0.0, texture.astype(np.uint8), right.astype(np.uint8))
     inner = np.s_[220:300, 250:600]
 
@@ -169,7 +160,7 @@ def test_bad_frames_are_pictures_too() -> None:
     assert points.shape == colors.shape == (1, 3)
 
 
-def test_cloud_lies_on_the_road(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_cloud_lies_on_the_road(seen: tuple[StereoFrame, RoadResult]) -> None:
     points, colors = cloud(*seen, CAMERA)
     assert points.dtype == np.float32
     assert len(points) == len(colors) > 1000
@@ -177,7 +168,7 @@ def test_cloud_lies_on_the_road(seen: tuple[StereoFrame, RoadStages]) -> None:
     assert np.median(np.abs(height[points[:, 0] > 0.5])) < 0.01
 
 
-def test_title_keeps_text_inside(seen: tuple[StereoFrame, RoadStages]) -> None:
+def test_title_keeps_text_inside(seen: tuple[StereoFrame, RoadResult]) -> None:
     legend = [("a very long name of a class", palette.ROAD)] * 8
     bar = canvas.title_bar(300, "Title", legend, "a note that does not fit either")
     assert bar.shape == (canvas.BAR_PX, 300, 3)

@@ -18,7 +18,7 @@ from stereocalib_app.drive.lesson_marks import marks
 from stereocalib_app.drive.stage_table import STAGES, Seen
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_core.frames import FrameSource, StereoFrame
-from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import FrameResult
 
@@ -84,7 +84,7 @@ class FrameStages:
     """A frame with everything that the method saw in it."""
 
     frame: StereoFrame
-    stages: RoadStages | None
+    stages: RoadResult | None
 
     @property
     def nbytes(self) -> int:
@@ -188,7 +188,7 @@ def small_picture(frame: StereoFrame) -> NDArray[np.uint8] | None:
 
 
 def cloud(
-    frame: StereoFrame, stages: RoadStages | None, camera: StereoCamera, most: int = CLOUD_POINTS
+    frame: StereoFrame, stages: RoadResult | None, camera: StereoCamera, most: int = CLOUD_POINTS
 ) -> tuple[NDArray, NDArray]:
     """Coloured points of one pair, about `most`, in the camera frame: (N, 3) float32 [m] and (N, 3) uint8."""
     if stages is None or frame.left is None:
@@ -237,7 +237,7 @@ class FrameViews:
     def __init__(
         self,
         source: FrameSource,
-        stages: Callable[[StereoFrame], RoadStages | None],
+        stages: Callable[[StereoFrame], RoadResult | None],
     ) -> None:
         self._source, self._make_stages = source, stages
         self._stages: BoundedCache[FrameStages] = BoundedCache(STAGES_CACHE_BYTES, lambda s: s.nbytes)
@@ -248,7 +248,7 @@ class FrameViews:
             lambda v: len(v.jpeg) + len(v.sheet) + v.points.nbytes + v.colors.nbytes,
         )
 
-    def keep(self, frame: StereoFrame, stages: RoadStages | None) -> None:
+    def keep(self, frame: StereoFrame, stages: RoadResult | None) -> None:
         """What the front end has just seen in a frame."""
         self._stages.put(frame.index, FrameStages(frame, stages))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_app.widgets.canvas import Picture
-from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera, road_profile
 
@@ -43,7 +43,7 @@ def _counts_picture(layers: Sequence[tuple[NDArray, palette.Rgb]]) -> Picture:
     return np.asarray(np.take(_count_colors(tuple(color for _, color in layers)), index, axis=0))
 
 
-def u_disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
+def u_disparity_view(stages: RoadResult, width: int, height: int) -> Picture:
     """Columns against disparity: what stands upright piles up (orange), the road spreads (blue)."""
     bins = len(stages.u_disparity)
     obstacle_values = np.where(stages.obstacles, stages.disparity.values, np.nan)
@@ -87,7 +87,7 @@ def draw_axes(picture: Picture, along: Axis, down: Axis) -> None:
 
 
 def v_disparity_view(
-    stages: RoadStages, camera: StereoCamera, width: int, height: int, live: Extrinsics | None = None
+    stages: RoadResult, camera: StereoCamera, width: int, height: int, live: Extrinsics | None = None
 ) -> Picture:
     """Rows against disparity: the road is a line; cells that agree with it are green, other free blue."""
     bins = stages.v_disparity.shape[1]

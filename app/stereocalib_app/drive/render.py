@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_app.widgets.canvas import Picture
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.geometry import (
     Extrinsics,
     StereoCamera,
@@ -39,7 +39,7 @@ def _resize(mask: NDArray, width: int, height: int) -> NDArray:
     return out.astype(np.bool_) if mask.dtype == np.bool_ else out
 
 
-def classes_of(stages: RoadStages) -> NDArray[np.uint8]:
+def classes_of(stages: RoadResult) -> NDArray[np.uint8]:
     """(h, w) 0 nothing, 1 free, 2 road, 3 obstacle."""
     classes = stages.free.astype(np.uint8)
     classes[stages.road] = 2
@@ -82,7 +82,7 @@ def draw_road(
 
 def left_view(
     frame: StereoFrame,
-    stages: RoadStages | None,
+    stages: RoadResult | None,
     camera: StereoCamera,
     live: Extrinsics | None = None,
 ) -> Picture:
@@ -117,7 +117,7 @@ def left_view(
     return np.asarray(body)
 
 
-def disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
+def disparity_view(stages: RoadResult, width: int, height: int) -> Picture:
     """Dense disparity; near is bright, nothing measured is dark."""
     top = 0.6 * stages.bin_px * len(stages.u_disparity)
     values = stages.disparity.values
@@ -126,7 +126,7 @@ def disparity_view(stages: RoadStages, width: int, height: int) -> Picture:
     return _resize(canvas.colorize(values, 0.0, top, "cividis"), width, height)
 
 
-def free_map_view(frame: StereoFrame, stages: RoadStages, width: int, height: int) -> Picture:
+def free_map_view(frame: StereoFrame, stages: RoadResult, width: int, height: int) -> Picture:
     """What is road, what else is free, what stands upright, and what has no disparity."""
     classes = classes_of(stages)
     if width < classes.shape[1]:
@@ -139,7 +139,7 @@ def free_map_view(frame: StereoFrame, stages: RoadStages, width: int, height: in
 
 
 def difference_view(
-    frame: StereoFrame, stages: RoadStages, camera: StereoCamera, road: Extrinsics
+    frame: StereoFrame, stages: RoadResult, camera: StereoCamera, road: Extrinsics
 ) -> Picture:
     """Left minus the right image warped over the road plane: grey where they agree, red where left is brighter,
     blue where it is darker. On the road everything is grey only when height, pitch and roll are right."""

@@ -21,8 +21,8 @@ from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.files.frames_bin import Done
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.front.matching import MatchedOnce, find_matcher
-from stereocalib_core.front.pipeline import FrontEnd, road_stages
-from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.results import Drive, FrameResult, FrontEndMemory, Timing
 from stereocalib_core.run.calibrate import follow
 
@@ -129,7 +129,7 @@ class Session:
             camera, stages = self.source.camera, front_end.stages
             turn = TURNED.get(broken_stage)
 
-            def make(frame: StereoFrame) -> RoadStages | None:
+            def make(frame: StereoFrame) -> RoadResult | None:
                 if broken_stage == "":
                     return stages(frame, self._before(frame.index))
                 return stages(frame if turn is None else turned(frame, camera, turn))
@@ -170,7 +170,8 @@ class Session:
                 if self._stop.is_set():
                     return
                 if step.look.road is not None:
-                    self.views.keep(step.frame, road_stages(step.look.road, self.config))
+                    road = step.look.road
+                    self.views.keep(step.frame, road if road.drawable else None)
                 results.append(step.done.result)
                 self._done.append(step.done)
                 elapsed = max(time.monotonic() - started, 1e-6)

@@ -14,7 +14,7 @@ from stereocalib_app.drive import histograms, render
 from stereocalib_app.widgets import canvas, palette
 from stereocalib_app.widgets.canvas import Picture
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.front.road.stages import RoadStages
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 
 
@@ -23,7 +23,7 @@ class Seen:
     """A frame with everything that the method saw in it. road: what it is judged by, live: a second one."""
 
     frame: StereoFrame
-    stages: RoadStages | None
+    stages: RoadResult | None
     camera: StereoCamera
     road: Extrinsics | None = None
     live: Extrinsics | None = None

@@ -22,6 +22,6 @@ def warm_up() -> None:
     for i in range(160):
         left[i] = np.interp(u[i] - disparity[i] + 60.0, np.arange(520.0), texture[i])
     result = estimate_road(left, texture[:, 60:460].astype(np.uint8), camera, PipelineConfig())
-    if result.disparity is not None and result.free is not None:
+    if result.drawable:
         v_disparity(result.disparity.values, result.free, 1.0, 128)
         bend_ahead(result.disparity, result.free, camera, road, PipelineConfig().lane)

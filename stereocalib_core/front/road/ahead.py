@@ -14,9 +14,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import LaneConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import DisparityMap
 
 _BIN_M = 1.0
 _SHARPEST_PER_M = 1.0 / 120.0

@@ -16,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import LimitsConfig, RegionConfig, SightConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.sight import noise_px
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import DisparityMap
 
 
 @dataclass(frozen=True)

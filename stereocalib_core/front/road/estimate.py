@@ -19,64 +19,31 @@ from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
 from stereocalib_core.front.road.region import Region, grow
-from stereocalib_core.front.road.stages import DisparityMap
+from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.numeric.arrays import Grey, Mask
-from stereocalib_core.results import Check, RoadEstimate
-
-
-@dataclass(frozen=True)
-class RoadResult:
-    """Everything that one pair gave; `estimate` is None exactly when `failure` is not.
-
-    Stages that were not reached are None. `timing_ms` names the stages that ran.
-    """
-
-    estimate: RoadEstimate | None
-    failure: Failure | None
-    disparity: DisparityMap | None
-    u_counts: NDArray[np.int32] | None
-    obstacles: Mask | None
-    free: Mask | None
-    road: Mask | None
-    bin_px: float
-    region: Region | None
-    paper: PaperFit | None
-    direct: DirectFit | None
-    free_fraction: float | None
-    checks: tuple[Check, ...]
-    timing_ms: dict[str, float]
+from stereocalib_core.numeric.arrays import Grey
+from stereocalib_core.results import Check, DisparityMap, RoadEstimate
 
 
 @dataclass
-class RoadAttempt:
-    """What has been found so far of one pair: begun by `begin_road`, ended by `finish_road`."""
+class Notes:
+    """The log of one pair: what every stage took, and what it was judged by."""
 
-    disparity: DisparityMap | None = None
-    u_counts: NDArray[np.int32] | None = None
-    obstacles: Mask | None = None
-    free: Mask | None = None
-    road: Mask | None = None
-    bin_px: float = 1.0
-    region: Region | None = None
-    paper: PaperFit | None = None
-    direct: DirectFit | None = None
-    free_fraction: float | None = None
-    failure: Failure | None = None
     checks: list[Check] = field(default_factory=list)
     timing_ms: dict[str, float] = field(default_factory=dict)
     _mark: float = field(default_factory=time.perf_counter)
+
+    @classmethod
+    def of(cls, road: RoadResult) -> Notes:
+        """To be gone on with, from now on."""
+        return cls(list(road.checks), dict(road.timing_ms))
 
     def lap(self, stage: str) -> None:
         """Books the time since the last lap to `stage`."""
         now = time.perf_counter()
         self.timing_ms[stage] = self.timing_ms.get(stage, 0.0) + 1e3 * (now - self._mark)
         self._mark = now
-
-    def go_on(self) -> None:
-        """Time begins to count again after a wait."""
-        self._mark = time.perf_counter()
 
     def check(
         self,
@@ -92,16 +59,13 @@ class RoadAttempt:
         self.checks.append(result)
         return result.ok
 
-    def failed(self, reason: FailureReason, detail: str) -> RoadResult:
-        """The end without a road."""
-        return self.result(None, Failure(reason, detail))
-
-    def result(self, estimate: RoadEstimate | None, failure: Failure | None) -> RoadResult:
-        """The end: an estimate or why there is none."""
-        return RoadResult(
-            estimate, failure, self.disparity, self.u_counts, self.obstacles, self.free, self.road,
-            self.bin_px, self.region, self.paper, self.direct, self.free_fraction, tuple(self.checks), self.timing_ms,
-        )  # fmt: skip
+    def end(
+        self, road: RoadResult, failure: Failure | None = None, estimate: RoadEstimate | None = None
+    ) -> RoadResult:
+        """`road` with this log, and how it ends."""
+        return dataclasses.replace(
+            road, estimate=estimate, failure=failure, checks=tuple(self.checks), timing_ms=self.timing_ms
+        )
 
 
 def look(image: Grey, config: ImageConfig) -> tuple[float, float, float]:
@@ -111,17 +75,17 @@ def look(image: Grey, config: ImageConfig) -> tuple[float, float, float]:
     return float(lower.mean()), float(np.mean(lower >= 254)), 0.5 * step
 
 
-def _unusable(attempt: RoadAttempt, left: Grey, right: Grey, config: ImageConfig) -> Failure | None:
+def _unusable(notes: Notes, left: Grey, right: Grey, config: ImageConfig) -> Failure | None:
     """DARK, SATURATED or FLAT_TEXTURE, by the worse of the two pictures."""
     looks = np.array([look(left, config), look(right, config)])
     mean, saturated, gradient = looks[:, 0].min(), looks[:, 1].max(), looks[:, 2].min()
-    if not attempt.check("image", "mean grey", mean, low=config.min_mean):
+    if not notes.check("image", "mean grey", mean, low=config.min_mean):
         return Failure(FailureReason.DARK, f"mean grey {mean:.1f}, needs {config.min_mean:g}")
-    if not attempt.check("image", "saturated share", saturated, high=config.max_saturated):
+    if not notes.check("image", "saturated share", saturated, high=config.max_saturated):
         return Failure(
             FailureReason.SATURATED, f"{saturated:.0%} saturated, at most {config.max_saturated:.0%}"
         )
-    if not attempt.check("image", "texture", gradient, low=config.min_gradient, unit="grey/px"):
+    if not notes.check("image", "texture", gradient, low=config.min_gradient, unit="grey/px"):
         return Failure(
             FailureReason.FLAT_TEXTURE, f"texture {gradient:.2f} grey/px, needs {config.min_gradient:g}"
         )
@@ -164,33 +128,37 @@ class Hint:
     heading_slope: float = 0.0
 
 
-def _region(
-    attempt: RoadAttempt, disparity: DisparityMap, camera: StereoCamera, config: PipelineConfig, hint: Hint
-) -> Region | Failure:
-    """Free map and the road's own region; or why there is none."""
+def _with_region(
+    road: RoadResult, notes: Notes, camera: StereoCamera, config: PipelineConfig, hint: Hint
+) -> RoadResult:
+    """The same with the free map and the road's own region; `region` stays None where there is none."""
+    disparity = road.disparity
     cells = candidates.gather(disparity, camera, hint.way, config.sight, config.region)
     plane = candidates.best_plane(
         cells, camera, disparity.step_px, hint.past, config.limits, config.sight, config.region
     )
-    attempt.lap("region")
+    notes.lap("region")
     height_m = config.free_map.road_height_m if plane is None else plane.extrinsics(camera).height_m
     bin_px = config.free_map.bin_px * max(1.0, disparity.step_px / 2)
     bins = int(np.ceil(np.nanmax(disparity.values, initial=1.0) / bin_px)) + 1
     u_counts = uv_disparity.u_disparity(disparity.values, bin_px, bins)
     free_config = dataclasses.replace(config.free_map, road_height_m=1.2 * height_m)
     obstacles, free = free_map.separate(disparity, u_counts, bin_px, camera, free_config)
-    attempt.bin_px, attempt.u_counts, attempt.obstacles, attempt.free = bin_px, u_counts, obstacles, free
-    attempt.lap("free_map")
+    none = np.zeros_like(free)
+    road = dataclasses.replace(
+        road, bin_px=bin_px, u_disparity=u_counts, obstacles=obstacles, free=free, road=none
+    )
+    notes.lap("free_map")
     if plane is None:
-        return Failure(FailureReason.NO_ROAD, "nothing in front of the car lies on one plane below it")
+        return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, NOTHING_AHEAD))
     region = grow(
         disparity, free, camera, plane, (Way(hint.heading_slope), hint.way), config.sight, config.region
     )
-    attempt.lap("region")
+    notes.lap("region")
     if region is None:
-        return Failure(FailureReason.NO_ROAD, f"no {config.region.min_cells} connected cells of road")
-    attempt.region = region
-    return region
+        few = f"no {config.region.min_cells} connected cells of road"
+        return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, few))
+    return dataclasses.replace(road, region=region)
 
 
 def _match(
@@ -244,19 +212,20 @@ def begin_road(
     matcher: Matcher | None = None,
     past: Extrinsics | None = None,
     whole: bool = True,
-) -> RoadAttempt:
+) -> RoadResult:
     """Are the pictures usable, and their dense disparity.
 
     matcher: None = the one that `config` names. past: the road of a moment ago. whole: as finely above its horizon.
     """
-    attempt = RoadAttempt()
-    attempt.failure = _unusable(attempt, left, right, config.images)
-    attempt.lap("image")
-    if attempt.failure is None:
-        match = matcher or find_matcher(config.disparity.matcher)
-        attempt.disparity = _match(match, left, right, camera, config, past, whole)
-        attempt.lap("disparity")
-    return attempt
+    notes = Notes()
+    failure = _unusable(notes, left, right, config.images)
+    notes.lap("image")
+    if failure is not None:
+        return notes.end(RoadResult(), failure)
+    match = matcher or find_matcher(config.disparity.matcher)
+    disparity = _match(match, left, right, camera, config, past, whole)
+    notes.lap("disparity")
+    return notes.end(RoadResult(disparity))
 
 
 def estimate_road(
@@ -276,7 +245,7 @@ def estimate_road(
 
 
 def finish_road(
-    attempt: RoadAttempt,
+    begun: RoadResult,
     left: Grey,
     right: Grey,
     camera: StereoCamera,
@@ -288,92 +257,76 @@ def finish_road(
 
     compare: the paper's chain too, where the method is another one.
     """
-    disparity, hint = attempt.disparity, hint or Hint()
-    attempt.go_on()
+    disparity = begun.matched
     if disparity is None:
-        return attempt.result(None, attempt.failure)
+        return begun
+    notes = Notes.of(begun)
     lower = disparity.values[disparity.values.shape[0] // 2 :]
     valid = float(np.mean(lower > 0))
-    if not attempt.check(
+    if not notes.check(
         "disparity", "valid share, lower half", valid, low=config.disparity.min_valid_fraction
     ):
-        return attempt.failed(FailureReason.NO_DISPARITY, f"{valid:.0%} of the lower half has a disparity")
-    region = _region(attempt, disparity, camera, config, hint)
-    if isinstance(region, Failure):
-        return attempt.result(None, region)
-    extrinsics = region.plane.extrinsics(camera)
-    _, attempt.free_fraction = lane.road_mask(
-        disparity, region_free(attempt), camera, extrinsics, config.lane
-    )
-    attempt.road = region.cells
-    attempt.check("region", "share of the way ahead", region.share)
-    attempt.check("region", "on the plane", region.planar)
+        few = f"{valid:.0%} of the lower half has a disparity"
+        return notes.end(begun, Failure(FailureReason.NO_DISPARITY, few))
+    road = _with_region(begun, notes, camera, config, hint or Hint())
+    region = road.region
+    if region is None:
+        return notes.end(road, road.failure)
+    _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
+    notes.check("region", "share of the way ahead", region.share)
+    notes.check("region", "on the plane", region.planar)
+    paper = direct = None
     if config.method == "paper" or compare:
-        attempt.paper = fit_on_region(disparity, region, camera, config.profile)
-        attempt.lap("profile")
+        paper = fit_on_region(disparity, region, camera, config.profile)
+        notes.lap("profile")
     if config.method == "direct":
-        found = _direct(attempt, left, right, camera, region, disparity.step_px, config)
+        direct = fit_direct(left, right, camera, region, disparity.step_px, _scaled(config.direct, region))
+        notes.lap("direct")
+        found = _by_alignment(notes, direct, region, config.direct)
     else:
-        found = _by_profile(attempt)
+        found = _by_profile(paper)
+    road = dataclasses.replace(road, road=region.cells, free_fraction=share, paper=paper, direct=direct)
     if isinstance(found, Failure):
-        return attempt.result(None, found)
-    failure = _believed(attempt, found, config.limits)
+        return notes.end(road, found)
+    failure = _believed(notes, found, config.limits)
     if failure is not None:
-        return attempt.result(None, failure)
+        return notes.end(road, failure)
     e, covariance, inliers, crossfall_rad = found
-    estimate = RoadEstimate(
-        e, covariance, inliers, attempt.free_fraction, region.range_m, crossfall_rad=crossfall_rad
-    )
-    return attempt.result(estimate, None)
+    estimate = RoadEstimate(e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad)
+    return notes.end(road, None, estimate)
 
 
+NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
 Found = tuple[Extrinsics, NDArray[np.float64], int, float]
 """Extrinsics, their (3, 3) covariance, what agrees with them, and 1 sigma of the crossfall beside [rad]."""
 
 
-def region_free(attempt: RoadAttempt) -> Mask:
-    """The free map, which is there wherever a region is."""
-    assert attempt.free is not None
-    return attempt.free
-
-
-def _by_profile(attempt: RoadAttempt) -> Found | Failure:
-    fit = attempt.paper
+def _by_profile(fit: PaperFit | None) -> Found | Failure:
     if fit is None:
         return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the region")
     return fit.extrinsics, fit.covariance, fit.profile.inliers, 0.0
 
 
-def _direct(
-    attempt: RoadAttempt,
-    left: Grey,
-    right: Grey,
-    camera: StereoCamera,
-    region: Region,
-    step_px: int,
-    config: PipelineConfig,
+def _by_alignment(
+    notes: Notes, direct: DirectFit | None, region: Region, config: DirectConfig
 ) -> Found | Failure:
     """The direct alignment over the region, with what a road must fulfil."""
-    scaled = _scaled(config.direct, region)
-    direct = fit_direct(left, right, camera, region, step_px, scaled)
-    attempt.direct = direct
-    attempt.lap("direct")
     if direct is None:
         return Failure(FailureReason.FLAT_TEXTURE, "too few patches of the road have texture")
-    if not attempt.check("direct", "patches on the plane", direct.agreement, low=scaled.min_agreement):
+    if not notes.check("direct", "patches on the plane", direct.agreement, low=config.min_agreement):
         return Failure(
             FailureReason.NOT_PLANAR,
-            f"{direct.agreement:.0%} of the road's patches on one plane, needs {scaled.min_agreement:.0%}",
+            f"{direct.agreement:.0%} of the road's patches on one plane, needs {config.min_agreement:.0%}",
         )
-    rough_mm, most_mm = 1e3 * direct.roughness_m, 1e3 * scaled.max_roughness_m
-    if not attempt.check("direct", "near road over the plane, rms", rough_mm, high=most_mm, unit="mm"):
+    rough_mm, most_mm = 1e3 * direct.roughness_m, 1e3 * config.max_roughness_m
+    if not notes.check("direct", "near road over the plane, rms", rough_mm, high=most_mm, unit="mm"):
         return Failure(
             FailureReason.NOT_PLANAR,
             f"the near road is {rough_mm:.0f} mm rms off its plane, at most {most_mm:.1f}",
         )
     # Where much of the lane ahead is seen and lies off the plane, the plane is one side of a crown, or of a kerb.
-    other = scaled.other_side_rad * (1.0 - region.planar) ** 3
-    turning = scaled.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
+    other = config.other_side_rad * (1.0 - region.planar) ** 3
+    turning = config.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
     inliers = int(np.count_nonzero(direct.patches.weight))
     return direct.extrinsics, direct.covariance, inliers, float(np.hypot(other, turning))
 
@@ -387,12 +340,12 @@ def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
     )
 
 
-def _believed(attempt: RoadAttempt, found: Found, limits: LimitsConfig) -> Failure | None:
+def _believed(notes: Notes, found: Found, limits: LimitsConfig) -> Failure | None:
     """OUT_OF_RANGE or TOO_UNCERTAIN, and their numbers among the checks."""
     extrinsics, covariance, _, crossfall_rad = found
     sigma = np.sqrt(np.diag(covariance) + [0.0, 0.0, crossfall_rad**2])
     degrees = np.rad2deg(sigma)
-    check = attempt.check
+    check = notes.check
     check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")
     check("estimate", "height sigma", sigma[0], high=limits.max_height_sigma * extrinsics.height_m, unit="m")
     check("estimate", "pitch sigma", degrees[1], high=np.rad2deg(limits.max_pitch_sigma_rad), unit="deg")

@@ -12,8 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import FreeMapConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.results import DisparityMap
 
 
 @njit(cache=True, nogil=True)

@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import LaneConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import DisparityMap
 
 _BINS_PER_M = 2
 

@@ -12,7 +12,6 @@ from stereocalib_core.config import ProfileConfig
 from stereocalib_core.front.road.profile import Profile, collect, fit_profile, search_profile
 from stereocalib_core.front.road.region import Region
 from stereocalib_core.front.road.roll_vote import RollVote, vote_roll
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import (
     Extrinsics,
     StereoCamera,
@@ -22,6 +21,7 @@ from stereocalib_core.geometry import (
     slope_from_roll,
 )
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import DisparityMap
 
 
 @dataclass(frozen=True)

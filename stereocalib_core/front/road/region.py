@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import RegionConfig, SightConfig
 from stereocalib_core.front.road.candidates import Way
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.sight import Reach, noise_px, reach_of
 from stereocalib_core.geometry import DisparityPlane, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.results import DisparityMap
 
 Mask = NDArray[np.bool_]
 

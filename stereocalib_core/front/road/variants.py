@@ -14,11 +14,11 @@ from stereocalib_core.config import PipelineConfig, ProfileConfig
 from stereocalib_core.front.road.paper import PaperFit, fit_paper
 from stereocalib_core.front.road.profile import collect, fit_profile, search_profile
 from stereocalib_core.front.road.roll_vote import slopes_by_disparity
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.road.uv_disparity import v_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera, extrinsics_from_profile, roll_from_slope
 from stereocalib_core.numeric.arrays import Array, Mask
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
+from stereocalib_core.results import DisparityMap
 
 _EVERYWHERE_M = 1000.0
 

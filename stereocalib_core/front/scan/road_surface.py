@@ -41,7 +41,7 @@ class RoadSurface:
     @classmethod
     def of(cls, road: RoadResult, camera: StereoCamera, config: DirectConfig) -> RoadSurface | None:
         """From what the road stage saw; None where the road was not aligned directly."""
-        if road.direct is None or road.disparity is None or road.estimate is None:
+        if road.direct is None or road.estimate is None:
             return None
         patches = road.direct.patches
         used = np.flatnonzero((patches.weight > 0.0) & np.isfinite(patches.sigma_px))

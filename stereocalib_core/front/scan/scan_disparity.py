@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config.pair import ScanDisparityConfig
 from stereocalib_core.config.tracks import PatchConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.tracks.patches import match_rows
 from stereocalib_core.geometry import Array, StereoCamera
-from stereocalib_core.results import RectificationSample
+from stereocalib_core.results import DisparityMap, RectificationSample
 
 COLUMNS = 6
 """x, y, disparity by the LiDAR [px], by the pair [px], and d disparity / d u, d v of the surface."""

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import ScanSampleConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.scan import sample_kernels as kernels
 from stereocalib_core.geometry import Array, Extrinsics, StereoCamera, image_to_road, invert_transform
-from stereocalib_core.results import ScanSample
+from stereocalib_core.results import DisparityMap, ScanSample
 
 
 def sample_scan(

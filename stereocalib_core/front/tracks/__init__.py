@@ -7,9 +7,9 @@ def warm_up() -> None:
     """Compile what this package compiles."""
     import numpy as np
 
-    from stereocalib_core.front.road.stages import DisparityMap
     from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
     from stereocalib_core.geometry import Extrinsics, StereoCamera
+    from stereocalib_core.results import DisparityMap
 
     camera = StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5)
     rng = np.random.default_rng(0)

@@ -10,10 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import TracksConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.tracks.patches import HALF, match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
+from stereocalib_core.results import DisparityMap
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import OdometryConfig, TracksConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
 from stereocalib_core.front.tracks.patches import follow, match_rows
@@ -23,7 +22,7 @@ from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-from stereocalib_core.results import Tracks
+from stereocalib_core.results import DisparityMap, Tracks
 
 Image = NDArray[np.uint8]
 

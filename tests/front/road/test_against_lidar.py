@@ -72,7 +72,7 @@ def test_the_road_agrees_with_the_lidar_over_the_same_region(
             look = front_end.look(frame)
             if look.result.road is None or frame.lidar is None:
                 continue
-            assert look.road is not None and look.road.region is not None and look.road.disparity is not None
+            assert look.road is not None and look.road.region is not None
             region = look.road.region
             half = config.direct.wide_half_width_m if region.share < config.direct.wide_below else 1.75
             points = frame.lidar[:, :3].astype(np.float64) @ T[:3, :3].T + T[:3, 3]

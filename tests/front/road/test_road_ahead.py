@@ -10,8 +10,8 @@ import pytest
 from stereocalib_core.config import LaneConfig, PipelineConfig
 from stereocalib_core.front.pipeline import FrontEnd, curvature_of
 from stereocalib_core.front.road.ahead import bend_ahead
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import DisparityMap
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
 
 CAMERA = StereoCamera(1226, 370, 707.0912, 601.8873, 183.1104, 0.53715)

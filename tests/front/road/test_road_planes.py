@@ -31,7 +31,7 @@ def _run(clutter: bool, count: int) -> dict[str, np.ndarray]:
         left, right = render_plane(CAMERA, truth, seed=k, clutter=clutter, exposure_difference=0.05)[:2]
         road = estimate_road(left, right, CAMERA, PipelineConfig())
         assert road.estimate is not None and road.paper is not None, road.failure
-        assert road.disparity is not None and road.free is not None
+        assert road.drawable
         alone = eq12_roll(road.disparity, road.free, CAMERA, PipelineConfig())
         assert alone is not None
         found["eq12"].append(np.array([np.rad2deg(alone) - truth.roll_deg]))
@@ -161,7 +161,7 @@ def test_full_resolution_is_an_option() -> None:
     truth = Extrinsics.from_degrees(1.65, 0.8, 1.0)
     left, right = render_plane(CAMERA, truth, seed=6)[:2]
     road = estimate_road(left, right, CAMERA, config)
-    assert road.disparity is not None and road.disparity.values.shape == left.shape
+    assert road.disparity.values.shape == left.shape
     assert road.estimate is not None
     assert road.estimate.extrinsics.roll_deg == pytest.approx(1.0, abs=0.02)
 

@@ -29,7 +29,7 @@ def _run(folder: Path, method: str, every: int = 1) -> tuple[list[RoadResult], n
         assert frame.left is not None and frame.right is not None
         road = estimate_road(frame.left, frame.right, source.camera, config)
         results.append(road)
-        if method == "paper" and road.disparity is not None:
+        if method == "paper" and road.matched is not None:
             fit = fit_whole_map(road.disparity, source.camera, config)
             whole.append(np.nan if fit is None else fit.height_m)
     return results, np.array(whole)

@@ -6,9 +6,9 @@ import numpy as np
 
 from stereocalib_core.config import FreeMapConfig, LaneConfig
 from stereocalib_core.front.road import free_map, lane
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.road.uv_disparity import u_disparity, v_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.results import DisparityMap
 
 CAMERA = StereoCamera(400, 200, 250.0, 199.5, 60.0, 0.5)
 ROAD = Extrinsics.from_degrees(1.5, 1.0, 0.5)

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from stereocalib_core.config import PipelineConfig, ScanSampleConfig
-from stereocalib_core.front.road.stages import DisparityMap
 from stereocalib_core.front.scan.scan_sample import beam_after_beam, sample_scan
 from stereocalib_core.geometry import Extrinsics, StereoCamera
-from stereocalib_core.results import ScanSample
+from stereocalib_core.results import DisparityMap, ScanSample
 
 CONFIG = ScanSampleConfig()
 CAMERA = StereoCamera(640, 240, 400.0, 319.5, 119.5, 0.5)
