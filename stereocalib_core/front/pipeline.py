@@ -22,6 +22,7 @@ from stereocalib_core.front.road.estimate import (
     begin_road,
     estimate_road,
     finish_road,
+    match_pair,
 )
 from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.rows.self_check import Examination, examine
@@ -32,7 +33,7 @@ from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
+from stereocalib_core.results import Check, DisparityMap, FrameResult, FrontEndMemory, RoadEstimate, Tracks
 
 AHEAD = 2
 """So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
@@ -41,6 +42,25 @@ and the road that tells where to match is three frames old."""
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
     return a is not None and b is not None and np.array_equal(a[::8], b[::8]) and np.array_equal(a, b)
+
+
+def owned(frame: StereoFrame) -> StereoFrame:
+    """The frame with pictures that are whole blocks of memory of their own.
+
+    Compiled code is another one for pictures that are a part of others, or that may not be written to, and it rounds
+    otherwise: the same pixels are to give the same bits, wherever they come from.
+    """
+    left, right = (
+        image
+        if image is None or (image.flags.c_contiguous and image.flags.writeable)
+        else np.array(image, order="C")
+        for image in (frame.left, frame.right)
+    )
+    return (
+        frame
+        if left is frame.left and right is frame.right
+        else dataclasses.replace(frame, left=left, right=right)
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,12 +75,14 @@ class Look:
 class Prepared:
     """What a pair shows by itself: the check of its own rows, and its dense disparity, where a road is looked for.
 
-    None of it needs the pair before, so that pairs may be prepared at the same time.
+    None of it needs the pair before, so that pairs may be prepared at the same time. dense: as fine above the horizon
+    as below, where a scan is held against it; the road is found in the same map with and without a LiDAR.
     """
 
     examined: Examination
     begun: RoadResult
     rows_ms: float
+    dense: DisparityMap | None = None
 
 
 class FrontEnd:
@@ -98,16 +120,20 @@ class FrontEnd:
 
     def prepare(self, frame: StereoFrame, past: Extrinsics | None) -> Prepared | None:
         """What `look` needs of a pair, from any thread and in any order; None where there is nothing to look at."""
+        frame = owned(frame)
         left, right = frame.left, frame.right
         if frame.failure is not None or left is None or right is None or not self._is_mine(frame):
             return None
         config = self.config
-        scanned = frame.lidar is not None and self.T_camera_lidar is not None
-        whole = scanned or config.method == "paper"
+        whole = config.method == "paper"
         begun = begin_road(left, right, self.camera, config, self.matcher, past, whole)
+        dense = begun.matched
+        scanned = frame.lidar is not None and self.T_camera_lidar is not None
+        if dense is not None and scanned and not whole and past is not None:
+            dense = match_pair(left, right, self.camera, config, self.matcher, past)
         began = time.perf_counter()
         examined = examine(self.camera, left, right, config.rectification)
-        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began))
+        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began), dense)
 
     def _is_mine(self, frame: StereoFrame) -> bool:
         return frame.camera is None or frame.camera == self.camera
@@ -122,7 +148,7 @@ class FrontEnd:
         A pair with a camera of its own, out of a set of single pairs, is looked at by itself: nothing of its
         neighbours is its past, and it is none of theirs.
         """
-        look = self._look(frame, prepared)
+        look = self._look(owned(frame), prepared)
         self._pasts.append(self._past_road())
         return look
 
@@ -161,7 +187,7 @@ class FrontEnd:
             frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
-        return Look(self._with_lidar(frame, result, road), road)
+        return Look(self._with_lidar(frame, result, road, prepared.dense), road)
 
     def _hint(self) -> Hint:
         """Where the road is likely to be: the median of the last ones, and the way that the car has been going."""
@@ -194,7 +220,9 @@ class FrontEnd:
             Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
         )
 
-    def _with_lidar(self, frame: StereoFrame, result: FrameResult, road: RoadResult) -> FrameResult:
+    def _with_lidar(
+        self, frame: StereoFrame, result: FrameResult, road: RoadResult, dense: DisparityMap | None
+    ) -> FrameResult:
         """The same with what the frame's scan says of the road and of depth edges, where there is a scan."""
         T, config = self.T_camera_lidar, self.config
         if frame.lidar is None or T is None:
@@ -203,17 +231,17 @@ class FrontEnd:
         surface = RoadSurface.of(road, self.camera, config.direct)
         residual = scan_residual(frame, result, T, config.road_check, surface)
         sample = None
-        if frame.left is not None and road.matched is not None:
+        if frame.left is not None and dense is not None:
             over = None if result.road is None else result.road.extrinsics
             sample = sample_scan(
-                *(frame.lidar, frame.left, road.disparity, self.camera, T, over),
+                *(frame.lidar, frame.left, dense, self.camera, T, over),
                 *(config.scan_sample, frame.lidar_sweep),
             )
         seen = None
         wanted = config.scan_disparity.wanted(frame.index)
-        if wanted and frame.left is not None and frame.right is not None and road.matched is not None:
+        if wanted and frame.left is not None and frame.right is not None and dense is not None:
             seen = scan_disparities(
-                self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
+                self.camera, frame.left, frame.right, dense, frame.lidar, T,
                 config.scan_disparity, result.rectification,
             )  # fmt: skip
         timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}
@@ -299,6 +327,7 @@ class FrontEnd:
 
         before: the frames before it, as in `recall`: the pair is then seen as the drive saw it.
         """
+        frame = owned(frame)
         left, right, config = frame.left, frame.right, self.config
         if left is None or right is None or frame.failure is not None:
             return None
