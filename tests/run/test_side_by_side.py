@@ -68,6 +68,31 @@ def test_the_same_bits_as_one_after_another(drive: Recording, two_cores: None) -
         ] == expected[first:]
 
 
+def test_the_same_pixels_give_the_same_bits_wherever_they_come_from(drive: Recording) -> None:
+    """Compiled code for parts of pictures, or for pictures that may not be written to, rounds otherwise."""
+    wide = [np.zeros((160, 2 * 416), np.uint8) for _ in range(2)]
+
+    def part(index: int) -> StereoFrame:
+        frame = drive[index]
+        if frame.left is None or frame.right is None:
+            return frame
+        for picture, image in zip(wide, (frame.left, frame.right), strict=True):
+            picture[:, ::2] = image
+        return replace(frame, left=wide[0][:, ::2].copy(order="F"), right=wide[1][:, ::2])
+
+    def fixed(index: int) -> StereoFrame:
+        frame = drive[index]
+        if frame.left is None or frame.right is None:
+            return frame
+        left, right = frame.left.copy(), frame.right.copy()
+        left.flags.writeable = right.flags.writeable = False
+        return replace(frame, left=left, right=right)
+
+    owned = _one_by_one(drive)
+    for load in (part, fixed):
+        assert _one_by_one(Recording("drive", drive.camera, drive.timestamps_s, load)) == owned
+
+
 def test_on_one_core_nothing_is_prepared_ahead(drive: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(side_by_side, "cores", lambda: 1)
     monkeypatch.setattr(side_by_side, "_ahead", None)
