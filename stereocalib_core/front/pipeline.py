@@ -22,7 +22,6 @@ from stereocalib_core.front.road.estimate import (
     begin_road,
     estimate_road,
     finish_road,
-    match_pair,
 )
 from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.rows.self_check import Examination, examine
@@ -33,7 +32,7 @@ from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import Check, DisparityMap, FrameResult, FrontEndMemory, RoadEstimate, Tracks
+from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
 
 AHEAD = 2
 """So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
@@ -75,14 +74,12 @@ class Look:
 class Prepared:
     """What a pair shows by itself: the check of its own rows, and its dense disparity, where a road is looked for.
 
-    None of it needs the pair before, so that pairs may be prepared at the same time. dense: as fine above the horizon
-    as below, where a scan is held against it; the road is found in the same map with and without a LiDAR.
+    None of it needs the pair before, so that pairs may be prepared at the same time.
     """
 
     examined: Examination
     begun: RoadResult
     rows_ms: float
-    dense: DisparityMap | None = None
 
 
 class FrontEnd:
@@ -127,13 +124,9 @@ class FrontEnd:
         config = self.config
         whole = config.method == "paper"
         begun = begin_road(left, right, self.camera, config, self.matcher, past, whole)
-        dense = begun.matched
-        scanned = frame.lidar is not None and self.T_camera_lidar is not None
-        if dense is not None and scanned and not whole and past is not None:
-            dense = match_pair(left, right, self.camera, config, self.matcher, past)
         began = time.perf_counter()
         examined = examine(self.camera, left, right, config.rectification)
-        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began), dense)
+        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began))
 
     def _is_mine(self, frame: StereoFrame) -> bool:
         return frame.camera is None or frame.camera == self.camera
@@ -187,7 +180,7 @@ class FrontEnd:
             frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
-        return Look(self._with_lidar(frame, result, road, prepared.dense), road)
+        return Look(self._with_lidar(frame, result, road), road)
 
     def _hint(self) -> Hint:
         """Where the road is likely to be: the median of the last ones, and the way that the car has been going."""
@@ -220,9 +213,7 @@ class FrontEnd:
             Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
         )
 
-    def _with_lidar(
-        self, frame: StereoFrame, result: FrameResult, road: RoadResult, dense: DisparityMap | None
-    ) -> FrameResult:
+    def _with_lidar(self, frame: StereoFrame, result: FrameResult, road: RoadResult) -> FrameResult:
         """The same with what the frame's scan says of the road and of depth edges, where there is a scan."""
         T, config = self.T_camera_lidar, self.config
         if frame.lidar is None or T is None:
@@ -231,17 +222,17 @@ class FrontEnd:
         surface = RoadSurface.of(road, self.camera, config.direct)
         residual = scan_residual(frame, result, T, config.road_check, surface)
         sample = None
-        if frame.left is not None and dense is not None:
+        if frame.left is not None and road.matched is not None:
             over = None if result.road is None else result.road.extrinsics
             sample = sample_scan(
-                *(frame.lidar, frame.left, dense, self.camera, T, over),
+                *(frame.lidar, frame.left, road.disparity, self.camera, T, over),
                 *(config.scan_sample, frame.lidar_sweep),
             )
         seen = None
         wanted = config.scan_disparity.wanted(frame.index)
-        if wanted and frame.left is not None and frame.right is not None and dense is not None:
+        if wanted and frame.left is not None and frame.right is not None and road.matched is not None:
             seen = scan_disparities(
-                self.camera, frame.left, frame.right, dense, frame.lidar, T,
+                self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
                 config.scan_disparity, result.rectification,
             )  # fmt: skip
         timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}

@@ -222,22 +222,10 @@ def begin_road(
     notes.lap("image")
     if failure is not None:
         return notes.end(RoadResult(), failure)
-    disparity = match_pair(left, right, camera, config, matcher, past, whole)
+    match = matcher or find_matcher(config.disparity.matcher)
+    disparity = _match(match, left, right, camera, config, past, whole)
     notes.lap("disparity")
     return notes.end(RoadResult(disparity))
-
-
-def match_pair(
-    left: Grey,
-    right: Grey,
-    camera: StereoCamera,
-    config: PipelineConfig,
-    matcher: Matcher | None = None,
-    past: Extrinsics | None = None,
-    whole: bool = True,
-) -> DisparityMap:
-    """The dense disparity, as in `begin_road`."""
-    return _match(matcher or find_matcher(config.disparity.matcher), left, right, camera, config, past, whole)
 
 
 def estimate_road(
