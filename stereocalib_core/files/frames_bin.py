@@ -22,24 +22,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, overload
 
-import numpy as np
-from numpy.typing import NDArray
-
 from stereocalib_core import config
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.errors import Failure, FailureReason, OutputError, StereoCalibError
-from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.errors import OutputError, StereoCalibError
+from stereocalib_core.files.frame_record import Done, pack, unpack
+from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import (
-    Check,
-    FrameResult,
-    FrontEndMemory,
-    RectificationSample,
     Rig,
-    RoadEstimate,
-    RoadResidual,
-    ScanSample,
     Tolerance,
-    Tracks,
 )
 
 MAGIC = b"stereocalib checkpoint 7\n"
@@ -47,15 +37,6 @@ MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
 SYNC_S = 1.0
 """Between two waits for the disk: some milliseconds each, too much for every frame."""
-
-
-@dataclass(frozen=True)
-class Done:
-    """A finished frame: its result, what the front end remembered after it, and how long it took."""
-
-    result: FrameResult
-    memory: FrontEndMemory
-    total_ms: float
 
 
 @dataclass(frozen=True)
@@ -119,7 +100,7 @@ class Checkpoint(Sequence[Done]):
 
     def append(self, done: Done) -> Done:
         """Add a finished frame; gives it as it will be read again, so that both ways lead to the same bits."""
-        payload = _pack(done)
+        payload = pack(done)
         try:
             self._add(payload)
         except OSError as error:
@@ -127,7 +108,7 @@ class Checkpoint(Sequence[Done]):
             raise OutputError("checkpoint cannot be written", self.path, remedy) from error
         end = os.lseek(self._file, 0, os.SEEK_CUR)
         self._places.extend((end - len(payload), end))
-        return _unpack(payload)
+        return unpack(payload)
 
     def __len__(self) -> int:
         return len(self._places) // 2
@@ -143,7 +124,7 @@ class Checkpoint(Sequence[Done]):
             return [self[i] for i in range(*index.indices(len(self)))]
         at = range(len(self))[index]
         begin, end = self._places[2 * at], self._places[2 * at + 1]
-        return _unpack(os.pread(self._file, end - begin, begin))
+        return unpack(os.pread(self._file, end - begin, begin))
 
     def _add(self, payload: bytes) -> None:
         self._chain = zlib.crc32(payload, self._chain)
@@ -222,7 +203,7 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Done], int]:
     frames, whole = [], first.end
     try:
         for record in records:
-            frames.append(_unpack(record.payload))
+            frames.append(unpack(record.payload))
             whole = record.end
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
@@ -236,124 +217,3 @@ def _write(file: int, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[os.write(file, view) :]
-
-
-class _Arrays:
-    """Arrays put aside while the rest goes into JSON, which gets their place, type and shape."""
-
-    def __init__(self, data: bytes = b"") -> None:
-        self.data = bytearray(data)
-
-    def put(self, array: NDArray[Any] | None) -> Any:
-        if array is None:
-            return None
-        place = [len(self.data), array.dtype.str, list(array.shape)]
-        self.data += np.ascontiguousarray(array).tobytes()
-        return place
-
-    def get(self, place: Any) -> Any:
-        if place is None:
-            return None
-        offset, kind, shape = place
-        if kind not in ("<f8", "<f4", "<i2", "|b1"):
-            raise ValueError(kind)
-        count = int(np.prod(shape, dtype=np.int64))
-        return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
-
-
-def _pack(done: Done) -> bytes:
-    r, arrays = done.result, _Arrays()
-    road, sample, tracks = r.road, r.rectification, r.tracks
-    values = {
-        "frame": r.frame,
-        "timestamp_s": r.timestamp_s,
-        "road": None
-        if road is None
-        else [
-            asdict(road.extrinsics),
-            arrays.put(road.covariance),
-            road.inliers,
-            road.free_fraction,
-            list(road.range_m),
-            list(road.bend),
-            road.crossfall_rad,
-        ],
-        "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
-        "free_fraction": r.free_fraction,
-        "inliers": r.inliers,
-        "rectification": None
-        if sample is None
-        else [arrays.put(sample.values), arrays.put(sample.covariance), sample.matches, sample.keystone_rad],
-        "tracks": None
-        if tracks is None
-        else [arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous],
-        "checks": [asdict(check) for check in r.checks],
-        "timing_ms": dict(r.timing_ms),
-        "lidar": None
-        if r.lidar is None
-        else [arrays.put(r.lidar.values), arrays.put(r.lidar.covariance), r.lidar.points],
-        "scan": None
-        if r.scan is None
-        else [
-            arrays.put(r.scan.T_camera_lidar),
-            arrays.put(r.scan.packed_beam_edges),
-            arrays.put(r.scan.packed_picture_edges),
-            arrays.put(r.scan.packed_points),
-            arrays.put(r.scan.packed_patches),
-            None if np.isnan(r.scan.sweep) else r.scan.sweep,
-        ],
-        "disparities": arrays.put(r.disparities),
-        "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
-        "total_ms": done.total_ms,
-    }
-    text = json.dumps(values, default=_number).encode()
-    return struct.pack("<I", len(text)) + text + bytes(arrays.data)
-
-
-def _number(value: Any) -> Any:
-    """numpy scalars to the Python numbers they equal."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(type(value).__name__)
-
-
-def _scan_sample(arrays: _Arrays, stored: Sequence[Any]) -> ScanSample:
-    T, beams, edges, points, patches = (arrays.get(place) for place in stored[:5])
-    return ScanSample(T, beams, edges, points, patches, float("nan") if stored[5] is None else stored[5])
-
-
-def _unpack(payload: bytes) -> Done:
-    (length,) = struct.unpack_from("<I", payload)
-    values = json.loads(payload[4 : 4 + length])
-    arrays = _Arrays(payload[4 + length :])
-    road, failure = values["road"], values["failure"]
-    sample, tracks, memory = values["rectification"], values["tracks"], values["memory"]
-    lidar, scan = values["lidar"], values["scan"]
-    result = FrameResult(
-        values["frame"],
-        values["timestamp_s"],
-        None
-        if road is None
-        else RoadEstimate(
-            Extrinsics(**road[0]),
-            arrays.get(road[1]),
-            road[2],
-            road[3],
-            (road[4][0], road[4][1]),
-            (road[5][0], road[5][1]),
-            road[6],
-        ),
-        None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
-        values["free_fraction"],
-        values["inliers"],
-        None
-        if sample is None
-        else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
-        None if tracks is None else Tracks(arrays.get(tracks[0]), arrays.get(tracks[1]), tracks[2]),
-        tuple(Check(**check) for check in values["checks"]),
-        MappingProxyType(values["timing_ms"]),
-        None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
-        None if scan is None else _scan_sample(arrays, scan),
-        arrays.get(values["disparities"]),
-    )
-    return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])

@@ -278,7 +278,7 @@ class FrontEnd:
         `tracked` (or the last readable one) to the last.
         """
         memory = done[-1][1]
-        seen = {frame.index: frame for frame in frames}
+        seen = {frame.index: owned(frame) for frame in frames}
         for frame in seen.values():
             if frame.left is not None and frame.right is not None:
                 self._previous = (frame.left, frame.right)

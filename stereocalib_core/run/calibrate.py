@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
-from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.files.frame_record import Done
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
 from stereocalib_core.results import Drive, Rig, Timing
 from stereocalib_core.run.side_by_side import looks

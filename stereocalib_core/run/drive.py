@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from stereocalib_core import __version__
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import OutputError, StereoCalibError
-from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
+from stereocalib_core.files.frame_record import Done
+from stereocalib_core.files.frames_bin import Checkpoint, RunKey, read_checkpoint
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import REPORT, RESULT_FILES, load_run, write_run
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame

@@ -101,6 +101,23 @@ def start_page(spec: str, root: Path, **options: Any) -> Hub:
     return app_server.start(spec, port=0, opening=app_server.Opening(root=root, **options))
 
 
+def computed_page(spec: str, root: Path, timeout_s: float = 300.0, **options: Any) -> Iterator[Hub]:
+    """For a fixture to `yield from`: the app on a drive that is computed, standing still."""
+    running = start_page(spec, root, **options)
+    running.shared.playback.play(False)
+    assert running.shared.session.wait(timeout_s)
+    yield running
+    stop_page(running)
+
+
+def seen_page(browser: Any, hub: Hub) -> Iterator[Any]:
+    """For a fixture to `yield from`: the page of a hub with its first picture."""
+    opened = warm_page(browser, hub)
+    until(lambda: opened.locator(".sc-picture[data-frame]").count(), what="picture")
+    yield opened
+    opened.close()
+
+
 def stop_page(hub: Hub) -> None:
     hub.close()
     stop_server(hub.server)

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import (
+    computed_page,
     press,
+    seen_page,
     shown_frame,
     slider_entry,
-    start_page,
-    stop_page,
     tab,
     text_entry,
     until,
-    warm_page,
 )
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.words.lessons import LESSONS
@@ -46,18 +45,12 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def hub(root: Path) -> Iterator[Hub]:
-    running = start_page(DRIVE, root, limits=LIMITS)
-    running.shared.playback.play(False)
-    assert running.shared.session.wait(120.0)
-    yield running
-    stop_page(running)
+    yield from computed_page(DRIVE, root, limits=LIMITS)
 
 
 @pytest.fixture(scope="module")
 def page(hub: Hub, browser: Any) -> Iterator[Any]:
-    opened = warm_page(browser, hub)
-    yield opened
-    opened.close()
+    yield from seen_page(browser, hub)
 
 
 def test_the_card_names_each_axis_within_or_outside(page: Any, hub: Hub) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import press, slider_entry, start_page, stop_page, tab, until, warm_page
+from conftest import computed_page, press, seen_page, slider_entry, tab, until
 from stereocalib_app.drive.panels.lidar import AFTER, BEFORE, overlay
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.words.lessons import LESSONS, TURNED
@@ -23,18 +23,12 @@ SHOTS = os.environ.get("STEREOCALIB_SHOTS")
 
 @pytest.fixture(scope="module")
 def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
-    running = start_page(DRIVE, tmp_path_factory.mktemp("root"))
-    running.shared.playback.play(False)
-    assert running.shared.session.wait(300.0)
-    yield running
-    stop_page(running)
+    yield from computed_page(DRIVE, tmp_path_factory.mktemp("root"))
 
 
 @pytest.fixture(scope="module")
 def page(hub: Hub, browser: Any) -> Iterator[Any]:
-    opened = warm_page(browser, hub)
-    yield opened
-    opened.close()
+    yield from seen_page(browser, hub)
 
 
 def shot(page: Any, name: str) -> None:

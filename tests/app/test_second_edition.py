@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import shown_frame, start_page, stop_page, tab, until, warm_page
+from conftest import computed_page, seen_page, shown_frame, tab, until
 from stereocalib_app.drive.lesson_marks import path_around
 from stereocalib_app.drive.path_state import PathErrors, PathState
 from stereocalib_app.drive.summary import alike_words, error_scale, path_table
@@ -27,19 +27,12 @@ PHONE, DESK = {"width": 390, "height": 844}, {"width": 1200, "height": 660}
 
 @pytest.fixture(scope="module")
 def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
-    running = start_page(DRIVE, tmp_path_factory.mktemp("root"))
-    running.shared.playback.play(False)
-    assert running.shared.session.wait(120.0)
-    yield running
-    stop_page(running)
+    yield from computed_page(DRIVE, tmp_path_factory.mktemp("root"))
 
 
 @pytest.fixture(scope="module")
 def page(hub: Hub, browser: Any) -> Iterator[Any]:
-    opened = warm_page(browser, hub)
-    until(lambda: opened.locator(".sc-picture[data-frame]").count(), what="picture")
-    yield opened
-    opened.close()
+    yield from seen_page(browser, hub)
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import press, shown_frame, start_page, stop_page, tab, until, warm_page
+from conftest import computed_page, press, seen_page, shown_frame, start_page, stop_page, tab, until
 from stereocalib_app.server.hub import Hub
 
 from stereocalib_core.geometry import image_to_road
@@ -23,18 +23,12 @@ FRAMES, DARK = 12, (7, 8)
 @pytest.fixture(scope="module")
 def hub(kitti_raw_0009: Path, data_dir: Path) -> Iterator[Hub]:
     """The first frames of a real drive with a LiDAR, completely computed."""
-    running = start_page(str(kitti_raw_0009), data_dir, frames=(0, FRAMES))
-    assert running.shared.session.wait(180.0)
-    yield running
-    stop_page(running)
+    yield from computed_page(str(kitti_raw_0009), data_dir, frames=(0, FRAMES))
 
 
 @pytest.fixture(scope="module")
 def page(hub: Hub, browser: Any) -> Iterator[Any]:
-    opened = warm_page(browser, hub)
-    until(lambda: opened.locator(".sc-picture[data-frame]").count(), what="picture")
-    yield opened
-    opened.close()
+    yield from seen_page(browser, hub)
 
 
 @pytest.fixture(autouse=True)

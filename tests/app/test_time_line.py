@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import press, shown_frame, start_page, stop_page, until, warm_page
+from conftest import computed_page, press, seen_page, shown_frame, until
 from stereocalib_app.benches.raw_client import LinkClient
 from stereocalib_app.server.hub import Hub
 
@@ -23,19 +23,12 @@ LEFT, RIGHT, RULER, MAP = 46, 8, 18, 24
 
 @pytest.fixture(scope="module")
 def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
-    running = start_page(DRIVE, tmp_path_factory.mktemp("root"))
-    running.shared.playback.play(False)
-    assert running.shared.session.wait(120.0)
-    yield running
-    stop_page(running)
+    yield from computed_page(DRIVE, tmp_path_factory.mktemp("root"))
 
 
 @pytest.fixture(scope="module")
 def page(hub: Hub, browser: Any) -> Iterator[Any]:
-    opened = warm_page(browser, hub)
-    until(lambda: opened.locator(".sc-picture[data-frame]").count(), what="picture")
-    yield opened
-    opened.close()
+    yield from seen_page(browser, hub)
 
 
 @pytest.fixture(autouse=True)

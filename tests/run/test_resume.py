@@ -23,7 +23,8 @@ from drive_writer import odometry_drive
 
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
-from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, Done, RunKey, read_checkpoint, read_frames
+from stereocalib_core.files.frame_record import Done
+from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, RunKey, read_checkpoint, read_frames
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.front import pipeline
 from stereocalib_core.geometry import Extrinsics, StereoCamera

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,29 +12,16 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import FrameSource, Recording, StereoFrame
 from stereocalib_core.front.pipeline import AHEAD, FrontEnd
+from stereocalib_core.front.road.patches import align
+from stereocalib_core.front.tracks import patches
 from stereocalib_core.results import FrameResult
 from stereocalib_core.run import side_by_side
 from stereocalib_core.run.calibrate import Step, follow
 from stereocalib_core.sources import open_source
 
 FRAMES = 12
-
-
-def in_a_fresh_process(test: Callable[..., None]) -> Callable[..., None]:
-    """Bits are promised from one program start to another. Within a process that has done much else they are not:
-    which of the versions of a compiled loop is taken depends on those that were there before."""
-
-    @functools.wraps(test)
-    def run(*arguments: object, **named: object) -> None:
-        if os.environ.get("STEREOCALIB_FRESH"):
-            test(*arguments, **named)
-            return
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", f"{__file__}::{test.__name__}"]
-        environment = {**os.environ, "STEREOCALIB_FRESH": "1"}
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-
-    return run
+LOOPS = {"follow": patches.follow, "match_rows": patches.match_rows, "align": align}
+"""Those that see pictures."""
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +60,16 @@ def _one_by_one(source: FrameSource) -> list[tuple[object, ...]]:
     return [_bits(front_end.step(source[i])) for i in range(len(source))]
 
 
-@in_a_fresh_process
+def test_a_resumed_drive_calls_no_other_compiled_code(drive: Recording, two_cores: None) -> None:
+    """What else was compiled in a process would decide which version of a loop it takes, and how that rounds."""
+    steps = list(follow(drive, PipelineConfig()))
+    known = {name: set(loop.signatures) for name, loop in LOOPS.items()}
+    assert all(known.values())
+    for first in (1, 4, 8):
+        list(follow(drive, PipelineConfig(), earlier=[step.done for step in steps[:first]]))
+        assert {name: set(loop.signatures) for name, loop in LOOPS.items()} == known
+
+
 def test_the_same_bits_as_one_after_another(drive: Recording, two_cores: None) -> None:
     expected = _one_by_one(drive)
     assert [bits[1] for bits in expected].count("") == FRAMES - 3
@@ -90,7 +82,6 @@ def test_the_same_bits_as_one_after_another(drive: Recording, two_cores: None) -
         ] == expected[first:]
 
 
-@in_a_fresh_process
 def test_the_same_pixels_give_the_same_bits_wherever_they_come_from(drive: Recording) -> None:
     """Compiled code for parts of pictures, or for pictures that may not be written to, rounds otherwise."""
     wide = [np.zeros((160, 2 * 416), np.uint8) for _ in range(2)]
@@ -116,7 +107,6 @@ def test_the_same_pixels_give_the_same_bits_wherever_they_come_from(drive: Recor
         assert _one_by_one(Recording("drive", drive.camera, drive.timestamps_s, load)) == owned
 
 
-@in_a_fresh_process
 def test_on_one_core_nothing_is_prepared_ahead(drive: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(side_by_side, "cores", lambda: 1)
     monkeypatch.setattr(side_by_side, "_ahead", None)

@@ -12,7 +12,8 @@ from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
 from stereocalib_app.drive.session import Session
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, StereoCalibError
-from stereocalib_core.files.frames_bin import Done, read_frames
+from stereocalib_core.files.frame_record import Done
+from stereocalib_core.files.frames_bin import read_frames
 from stereocalib_core.files.run_folder import CONFIG, load_run
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera

@@ -18,7 +18,7 @@ from stereocalib_app.drive.paths import DrivePaths
 from stereocalib_app.words.lessons import TURNED, broken_config, turned
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import StereoCalibError
-from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.files.frame_record import Done
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.front.matching import MatchedOnce, find_matcher
 from stereocalib_core.front.pipeline import FrontEnd

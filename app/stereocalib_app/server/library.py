@@ -16,7 +16,7 @@ from stereocalib_app.server.inputs import UPLOAD_BYTES
 from stereocalib_core.back.analyse import analyse
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, SourceError
-from stereocalib_core.files.frames_bin import Done
+from stereocalib_core.files.frame_record import Done
 from stereocalib_core.files.io import read_rig
 from stereocalib_core.results import Drive, FrameResult
 from stereocalib_core.run.calibrate import cut_truth, frame_range

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from stereocalib_core.front.horizon import first_row, match_by_the_horizon
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.front.road.notes import Notes
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
 from stereocalib_core.front.road.region import Region, grow
@@ -23,49 +23,7 @@ from stereocalib_core.front.road.result import RoadResult
 from stereocalib_core.front.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import Check, DisparityMap, RoadEstimate
-
-
-@dataclass
-class Notes:
-    """The log of one pair: what every stage took, and what it was judged by."""
-
-    checks: list[Check] = field(default_factory=list)
-    timing_ms: dict[str, float] = field(default_factory=dict)
-    _mark: float = field(default_factory=time.perf_counter)
-
-    @classmethod
-    def of(cls, road: RoadResult) -> Notes:
-        """To be gone on with, from now on."""
-        return cls(list(road.checks), dict(road.timing_ms))
-
-    def lap(self, stage: str) -> None:
-        """Books the time since the last lap to `stage`."""
-        now = time.perf_counter()
-        self.timing_ms[stage] = self.timing_ms.get(stage, 0.0) + 1e3 * (now - self._mark)
-        self._mark = now
-
-    def check(
-        self,
-        stage: str,
-        name: str,
-        value: float,
-        low: float | None = None,
-        high: float | None = None,
-        unit: str = "",
-    ) -> bool:
-        """Keeps the value beside its limits; is it within them?"""
-        result = Check(stage, name, float(value), low, high, unit)
-        self.checks.append(result)
-        return result.ok
-
-    def end(
-        self, road: RoadResult, failure: Failure | None = None, estimate: RoadEstimate | None = None
-    ) -> RoadResult:
-        """`road` with this log, and how it ends."""
-        return dataclasses.replace(
-            road, estimate=estimate, failure=failure, checks=tuple(self.checks), timing_ms=self.timing_ms
-        )
+from stereocalib_core.results import DisparityMap, RoadEstimate
 
 
 def look(image: Grey, config: ImageConfig) -> tuple[float, float, float]:

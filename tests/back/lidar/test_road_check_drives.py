@@ -73,7 +73,8 @@ def test_report_of_a_drive_and_a_resumed_run_carry_the_check(
     real_drive, kitti_raw_0009: Path, tmp_path: Path
 ) -> None:  # type: ignore[no-untyped-def]
     from stereocalib_core.back.analyse import analyse
-    from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
+    from stereocalib_core.files.frame_record import Done
+    from stereocalib_core.files.frames_bin import Checkpoint, RunKey, read_checkpoint
     from stereocalib_core.results import FrontEndMemory
     from stereocalib_core.sources import open_source
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.front.pipeline import FrontEnd
@@ -56,9 +57,9 @@ def _plane(q: np.ndarray, about: Extrinsics) -> tuple[np.ndarray, np.ndarray]:
     return np.array([e.height_m, e.pitch_rad, e.roll_rad]), sign @ inverse @ (g.T @ g) @ inverse @ sign
 
 
-def test_the_road_agrees_with_the_lidar_over_the_same_region(
-    kitti_raw_0005: Path, kitti_raw_0009: Path
-) -> None:
+@pytest.fixture(scope="module")
+def in_sigmas(kitti_raw_0005: Path, kitti_raw_0009: Path) -> np.ndarray:
+    """(N, 3) difference of the two sensors, in sigmas of both; their scatter is asserted on the way."""
     config = PipelineConfig()
     ratios = []
     for folder in (kitti_raw_0005, kitti_raw_0009):
@@ -87,7 +88,14 @@ def test_the_road_agrees_with_the_lidar_over_the_same_region(
         assert scatter[0] <= 0.020
         assert np.all(np.rad2deg(scatter[1:]) <= [0.15, 0.20])
         ratios.append(np.abs(error) / np.array(sigma))
-    ratio = np.concatenate(ratios)
-    # 68 % of one sigma; of 30 frames it is known to 8.5 %, and twice that above is no lie of sigma yet
-    assert 0.60 <= np.mean(ratio < 1.0) <= 0.85
-    assert np.mean(ratio < 2.0) >= 0.92
+    return np.concatenate(ratios)
+
+
+def test_the_road_agrees_with_the_lidar_over_the_same_region(in_sigmas: np.ndarray) -> None:
+    assert np.mean(in_sigmas < 1.0) >= 0.60
+    assert np.mean(in_sigmas < 2.0) >= 0.92
+
+
+@pytest.mark.xfail(strict=True, reason="sigma is too wide on these streets: 83 % of 30 frames within one")
+def test_sigma_is_not_wider_than_the_difference_to_the_lidar(in_sigmas: np.ndarray) -> None:
+    assert np.mean(in_sigmas < 1.0) <= 0.76

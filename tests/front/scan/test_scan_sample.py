@@ -157,7 +157,8 @@ def test_real_frames_keep_little_and_nothing_without_a_scan(real) -> None:  # ty
 
 
 def test_frames_bin_gives_the_sample_back_bit_for_bit(real, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    from stereocalib_core.files.frames_bin import Checkpoint, Done, RunKey, read_checkpoint
+    from stereocalib_core.files.frame_record import Done
+    from stereocalib_core.files.frames_bin import Checkpoint, RunKey, read_checkpoint
     from stereocalib_core.results import FrontEndMemory
 
     key = RunKey(

@@ -1,0 +1,158 @@
+"""One finished frame as bytes and back, bit for bit: a JSON part and the raw arrays that it describes."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.errors import Failure, FailureReason
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    FrontEndMemory,
+    RectificationSample,
+    RoadEstimate,
+    RoadResidual,
+    ScanSample,
+    Tracks,
+)
+
+
+@dataclass(frozen=True)
+class Done:
+    """A finished frame: its result, what the front end remembered after it, and how long it took."""
+
+    result: FrameResult
+    memory: FrontEndMemory
+    total_ms: float
+
+
+class _Arrays:
+    """Arrays put aside while the rest goes into JSON, which gets their place, type and shape."""
+
+    def __init__(self, data: bytes = b"") -> None:
+        self.data = bytearray(data)
+
+    def put(self, array: NDArray[Any] | None) -> Any:
+        if array is None:
+            return None
+        place = [len(self.data), array.dtype.str, list(array.shape)]
+        self.data += np.ascontiguousarray(array).tobytes()
+        return place
+
+    def get(self, place: Any) -> Any:
+        if place is None:
+            return None
+        offset, kind, shape = place
+        if kind not in ("<f8", "<f4", "<i2", "|b1"):
+            raise ValueError(kind)
+        count = int(np.prod(shape, dtype=np.int64))
+        return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
+
+
+def pack(done: Done) -> bytes:
+    """A finished frame to bytes: the length of a JSON part, the JSON, and the arrays that it names."""
+    r, arrays = done.result, _Arrays()
+    road, sample, tracks = r.road, r.rectification, r.tracks
+    values = {
+        "frame": r.frame,
+        "timestamp_s": r.timestamp_s,
+        "road": None
+        if road is None
+        else [
+            asdict(road.extrinsics),
+            arrays.put(road.covariance),
+            road.inliers,
+            road.free_fraction,
+            list(road.range_m),
+            list(road.bend),
+            road.crossfall_rad,
+        ],
+        "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
+        "free_fraction": r.free_fraction,
+        "inliers": r.inliers,
+        "rectification": None
+        if sample is None
+        else [arrays.put(sample.values), arrays.put(sample.covariance), sample.matches, sample.keystone_rad],
+        "tracks": None
+        if tracks is None
+        else [arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous],
+        "checks": [asdict(check) for check in r.checks],
+        "timing_ms": dict(r.timing_ms),
+        "lidar": None
+        if r.lidar is None
+        else [arrays.put(r.lidar.values), arrays.put(r.lidar.covariance), r.lidar.points],
+        "scan": None
+        if r.scan is None
+        else [
+            arrays.put(r.scan.T_camera_lidar),
+            arrays.put(r.scan.packed_beam_edges),
+            arrays.put(r.scan.packed_picture_edges),
+            arrays.put(r.scan.packed_points),
+            arrays.put(r.scan.packed_patches),
+            None if np.isnan(r.scan.sweep) else r.scan.sweep,
+        ],
+        "disparities": arrays.put(r.disparities),
+        "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
+        "total_ms": done.total_ms,
+    }
+    text = json.dumps(values, default=_number).encode()
+    return struct.pack("<I", len(text)) + text + bytes(arrays.data)
+
+
+def _number(value: Any) -> Any:
+    """numpy scalars to the Python numbers they equal."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(type(value).__name__)
+
+
+def _scan_sample(arrays: _Arrays, stored: Sequence[Any]) -> ScanSample:
+    T, beams, edges, points, patches = (arrays.get(place) for place in stored[:5])
+    return ScanSample(T, beams, edges, points, patches, float("nan") if stored[5] is None else stored[5])
+
+
+def unpack(payload: bytes) -> Done:
+    """The frame that `pack` wrote, bit for bit; raises what json, struct and the types raise for damaged bytes."""
+    (length,) = struct.unpack_from("<I", payload)
+    values = json.loads(payload[4 : 4 + length])
+    arrays = _Arrays(payload[4 + length :])
+    road, failure = values["road"], values["failure"]
+    sample, tracks, memory = values["rectification"], values["tracks"], values["memory"]
+    lidar, scan = values["lidar"], values["scan"]
+    result = FrameResult(
+        values["frame"],
+        values["timestamp_s"],
+        None
+        if road is None
+        else RoadEstimate(
+            Extrinsics(**road[0]),
+            arrays.get(road[1]),
+            road[2],
+            road[3],
+            (road[4][0], road[4][1]),
+            (road[5][0], road[5][1]),
+            road[6],
+        ),
+        None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
+        values["free_fraction"],
+        values["inliers"],
+        None
+        if sample is None
+        else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
+        None if tracks is None else Tracks(arrays.get(tracks[0]), arrays.get(tracks[1]), tracks[2]),
+        tuple(Check(**check) for check in values["checks"]),
+        MappingProxyType(values["timing_ms"]),
+        None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
+        None if scan is None else _scan_sample(arrays, scan),
+        arrays.get(values["disparities"]),
+    )
+    return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])
