@@ -62,6 +62,8 @@ class Watcher:
         self.controls: dict[str, dict[str, Any]] = {}
         self.elements: set[str] = set()
         self.me: dict[str, Any] = {}
+        self.shown: int | None = None
+        """The frame of the newest headline."""
         self.until(lambda window: bool(frames_in([window])))
         self.first_s = time.monotonic() - began
         self.listen(1.5)
@@ -87,6 +89,7 @@ class Watcher:
     def _receive(self, timeout_s: float) -> list[Received]:
         window = self.client.receive(timeout_s)
         self.me = self.me or name_in([window])
+        self.shown = next((frame for _, frame in reversed(frames_in([window]))), self.shown)
         for message in window:
             props = message.fields.get("props") or {}
             if props and "uuid" in message.fields:
