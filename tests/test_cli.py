@@ -74,6 +74,7 @@ def failed_line(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
     return output.err
 
 
+@pytest.mark.wall_clock
 def test_help_is_complete_and_fast() -> None:
     slowest = []
     for argv in ([], ["run"], ["synth"], ["lidar-camera"]):

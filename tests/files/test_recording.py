@@ -191,6 +191,7 @@ def test_a_viewer_that_cannot_start_is_one_clear_line(
         Recorder(CAMERA, "test", None)
 
 
+@pytest.mark.wall_clock
 def test_a_viewer_that_listens_is_sent_the_whole_run(
     tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

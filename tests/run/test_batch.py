@@ -157,6 +157,7 @@ def part_of(sequence: Path, folder: Path, frames: int) -> Path:
     return folder
 
 
+@pytest.mark.wall_clock
 def test_a_killed_worker_loses_nothing_and_a_second_call_does_nothing(tmp_path: Path, street: Path) -> None:
     """Two workers, two drives and one that is none; one worker is killed in the middle."""
     out = tmp_path / "out"

@@ -250,6 +250,7 @@ def check_same(out: Path, undisturbed: Path) -> None:
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in undisturbed.iterdir())
 
 
+@pytest.mark.wall_clock
 def test_killed_twice_and_resumed(tmp_path: Path, street: Path, undisturbed: Path) -> None:
     out = tmp_path / "out"
     for stop_after in (5, 9):
@@ -289,6 +290,7 @@ def test_resume_with_other_settings_touches_nothing(tmp_path: Path, street: Path
     assert (out / CHECKPOINT).read_bytes() == before
 
 
+@pytest.mark.wall_clock
 def test_sigkill_and_resume_by_the_command(tmp_path: Path, street: Path, undisturbed: Path) -> None:
     out = tmp_path / "out"
     command = [
@@ -311,6 +313,7 @@ def test_sigkill_and_resume_by_the_command(tmp_path: Path, street: Path, undistu
     check_same(out, undisturbed)
 
 
+@pytest.mark.wall_clock
 def test_ctrl_c_stops_within_a_second_and_leaves_valid_files(tmp_path: Path, street: Path) -> None:
     out = tmp_path / "out"
     process = subprocess.Popen(

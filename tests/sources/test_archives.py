@@ -119,6 +119,7 @@ def test_a_list_of_millions_of_rows_is_cut_short(tmp_path: Path) -> None:
     assert any("times.txt is not used" in note for note in notes)
 
 
+@pytest.mark.wall_clock
 def test_a_run_that_is_ended_leaves_nothing_unpacked(tmp_path: Path) -> None:
     names = [f"{i:04d}" for i in range(250)]
     path = pack(plain_drive(tmp_path / "mine", names), tmp_path / "a.zip")

@@ -106,6 +106,7 @@ def test_a_frame_that_cannot_be_read_or_has_another_size() -> None:
     assert odd.failure is not None and odd.failure.reason is FailureReason.SIZE_MISMATCH
 
 
+@pytest.mark.wall_clock
 def test_a_live_source_drops_frames_rather_than_lag() -> None:
     made = 0
     ended = threading.Event()
@@ -189,6 +190,7 @@ class Device:
         return self.given <= 300, side_by_side(self.given % 40)
 
 
+@pytest.mark.wall_clock
 def test_a_run_on_a_live_device_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever is slower than the device skips pictures; the times are those at which they came."""
     monkeypatch.setattr("stereocalib_core.sources.formats.video.cv2.VideoCapture", Device)

@@ -325,6 +325,7 @@ def test_extrinsics_of_another_drive_are_refused(drive: Drive) -> None:
         trajectory(drive.packed, drive.extrinsics[:-1], TrajectorySettings())
 
 
+@pytest.mark.wall_clock
 def test_a_variant_is_computed_at_the_touch_of_a_slider(drive: Drive) -> None:
     """Processor time, twice what two free cores have in 50 ms per 1,100 frames; `make bench` prints the real figure."""
     settings = TrajectorySettings(pitch_error_rad=0.01)
