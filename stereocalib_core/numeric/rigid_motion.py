@@ -25,28 +25,25 @@ def _accumulate(
     last: int,
     R: Array,
     t: Array,
-    depth: float,
-    scaled: float,
     weight: float,
     H: Array,
     g: Array,
 ) -> tuple[float, float]:
-    """Add the normal equations of points first ... last to H (7, 7, lower) and g (7,).
+    """Normal equations of points first ... last: H (6, 6, lower) and g (6,), overwritten.
 
-    depth: factor of their inverse depths, whose logarithm is the seventh unknown if `scaled` > 0. weight: 1 / Cauchy
-    scale^2 (normalised units). Returns the weighted squared error and the sum of weights.
+    weight: 1 / Cauchy scale^2 (normalised units). Returns the weighted squared error and the sum of weights.
     """
     r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
     r10, r11, r12 = R[1, 0], R[1, 1], R[1, 2]
     r20, r21, r22 = R[2, 0], R[2, 1], R[2, 2]
     t0, t1, t2 = t[0], t[1], t[2]
-    a = np.zeros(28)
-    b = np.zeros(7)
+    a = np.zeros(21)
+    b = np.zeros(6)
     cost = 0.0
     total = 0.0
     for k in range(first, last):
         x, y = rays[0, k], rays[1, k]
-        inverse = depth * rays[2, k]
+        inverse = rays[2, k]
         if not inverse > 1e-4:
             continue
         qz = r20 * x + r21 * y + r22 + t2 * inverse
@@ -61,7 +58,7 @@ def _accumulate(
         cost += w * e2
         total += w
         s = inverse * iz
-        # rows of the Jacobian: rotation, translation, logarithm of the depth factor
+        # rows of the Jacobian: rotation, translation
         u0, u1, u2, u3, u5 = -X * Y, 1.0 + X * X, -Y, s, -s * X
         v0, v1, v2, v4, v5 = -1.0 - Y * Y, X * Y, X, s, -s * Y
         a[0] += w * (u0 * u0 + v0 * v0)
@@ -90,21 +87,11 @@ def _accumulate(
         b[3] += w * u3 * ru
         b[4] += w * v4 * rv
         b[5] += w * (u5 * ru + v5 * rv)
-        if scaled > 0.0:
-            u6, v6 = s * (t0 - X * t2), s * (t1 - Y * t2)
-            a[21] += w * (u6 * u0 + v6 * v0)
-            a[22] += w * (u6 * u1 + v6 * v1)
-            a[23] += w * (u6 * u2 + v6 * v2)
-            a[24] += w * u6 * u3
-            a[25] += w * v6 * v4
-            a[26] += w * (u6 * u5 + v6 * v5)
-            a[27] += w * (u6 * u6 + v6 * v6)
-            b[6] += w * (u6 * ru + v6 * rv)
     n = 0
-    for i in range(7):
-        g[i] += b[i]
+    for i in range(6):
+        g[i] = b[i]
         for j in range(i + 1):
-            H[i, j] += a[n]
+            H[i, j] = a[n]
             n += 1
     return cost, total
 
@@ -120,64 +107,36 @@ def moved(R: Array, t: Array, step: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def full_pair(
+def rigid_pair(
     rays: Array,
     first: int,
-    middle: int,
     last: int,
     motion: Array,
     focal_px: float,
-    scale_sigma: float,
     cauchy_px: float,
-    solver: tuple[float, int, int],
+    iterations: int,
     information: Array,
 ) -> float:
-    """Six degrees of freedom of one pair; `motion` (6,) is start and result, `information` (6, 6) is filled.
-
-    The depths of points `first` ... `middle` are taken as they are. Those of `middle` ... `last` have one common
-    factor, whose logarithm is held to zero by `scale_sigma`: they steady the rotation and leave the scale to the
-    others. solver: typical residual [px], iterations at most, and points of either kind without which there is no
-    factor. Returns the variance of one image coordinate in normalised units, negative where there is no solution.
-    """
-    noise_px, iterations, least = solver
+    """Six degrees of freedom from points first ... last; `motion` (6,) is start and result, `information` (6, 6) is
+    filled. Returns the variance of one image coordinate in normalised units, negative where there is no solution."""
     R = rotation_from_vector(motion[:3])
     t = motion[3:].copy()
     scale = (focal_px / cauchy_px) ** 2
-    size = 7 if middle - first >= least and last - middle >= least else 6
-    depth = 1.0
-    # in the units of the residuals, which are taken as `noise_px`
-    prior = (noise_px / focal_px / scale_sigma) ** 2
-    H = np.zeros((7, 7))
-    g = np.zeros(7)
-    step = np.zeros(7)
+    H = np.zeros((6, 6))
+    g = np.zeros(6)
+    step = np.zeros(6)
     variance = -1.0
     for _ in range(iterations):
-        H[:] = 0.0
-        g[:] = 0.0
-        # a flag that is a number and no literal: one compilation serves both
-        cost, total = _accumulate(rays, first, middle, R, t, 1.0, 0.0, scale, H, g)
-        more, weight = _accumulate(rays, middle, last, R, t, depth, size - 6.0, scale, H, g)
-        cost, total = cost + more, total + weight
-        H[6, 6] += prior
-        g[6] -= prior * np.log(depth)
+        cost, total = _accumulate(rays, first, last, R, t, scale, H, g)
         for i in range(6):
             H[i, i] += 1e-9
             for j in range(i + 1):
                 information[i, j] = information[j, i] = H[i, j]
-        if size == 7:
-            for i in range(6):
-                for j in range(6):
-                    information[i, j] -= H[6, i] * H[6, j] / H[6, 6]
-        if total <= 0.0 or not solve_symmetric(H, g, size, step):
+        if total <= 0.0 or not solve_symmetric(H, g, 6, step):
             return -1.0
         R = moved(R, t, step)
-        if size == 7:
-            depth *= np.exp(min(max(step[6], -0.5), 0.5))
         variance = 0.5 * cost / total
-        largest = 0.0
-        for i in range(6):
-            largest = max(largest, abs(step[i]))
-        if largest < 2e-6:
+        if np.abs(step).max() < 2e-6:
             break
     motion[:3] = vector_from_rotation(R)
     motion[3:] = t

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.weighted_motion import weighted_pair
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.rigid_motion import full_pair
+from stereocalib_core.numeric.rigid_motion import rigid_pair
 
 
 @njit(cache=True, nogil=True)
@@ -67,7 +67,7 @@ def solve_stereo(
     focal_px: float,
     min_points: int,
     cauchy_px: tuple[float, ...],
-    solver: tuple[float, int, int],
+    iterations: int,
     motions: Array,
     covariances: Array,
 ) -> None:
@@ -85,10 +85,9 @@ def solve_stereo(
         information = np.zeros((6, 6))
         solved, variance = True, 0.0
         for width_px in cauchy_px:
-            variance = full_pair(
-                rays, start[i], start[i], start[i + 1], motion,
-                focal_px, 1.0, width_px, solver, information,
-            )  # fmt: skip
+            variance = rigid_pair(
+                rays, start[i], start[i + 1], motion, focal_px, width_px, iterations, information
+            )
             solved = solved and variance >= 0.0
         if solved:
             motions[i, :6] = motion

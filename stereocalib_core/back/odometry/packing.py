@@ -57,7 +57,8 @@ class PackedTracks:
         in_chunks(
             solve_stereo, len(self),
             self.rays, self.start, self.previous, self.camera.focal_px, self.config.min_points,
-            (*self.config.solver.wide_px, self.config.solver.cauchy_px), self.solver, motions, covariances,
+            (*self.config.solver.wide_px, self.config.solver.cauchy_px), self.config.solver.iterations,
+            motions, covariances,
         )  # fmt: skip
         return motions, covariances
 
@@ -70,7 +71,7 @@ class PackedTracks:
 
     @property
     def solver(self) -> tuple[float, int, int]:
-        """What `full_pair` is set by."""
+        """What `weighted_pair` is set by."""
         solver = self.config.solver
         return solver.noise_px, solver.iterations, self.config.min_points_of_a_kind
 

@@ -142,7 +142,13 @@ def weighted_pair(
     solver: tuple[float, int, int],
     information: Array,
 ) -> float:
-    """Six degrees of freedom of one pair by points with depth variances; arguments as of `full_pair`, rays (6, M)."""
+    """Six degrees of freedom of one pair; `motion` (6,) is start and result, `information` (6, 6) is filled.
+
+    The depths of points `first` ... `middle` are taken as they are. Those of `middle` ... `last` have one common
+    factor, whose logarithm is held to zero by `scale_sigma`: they steady the rotation and leave the scale to the
+    others. solver: typical residual [px], iterations at most, and points of either kind without which there is no
+    factor. Returns the variance of one image coordinate in normalised units, negative where there is no solution.
+    """
     noise_px, iterations, least = solver
     R = rotation_from_vector(motion[:3])
     t = motion[3:].copy()
@@ -179,10 +185,7 @@ def weighted_pair(
         if size == 7:
             depth *= np.exp(min(max(step[6], -0.5), 0.5))
         variance = 0.5 * cost / total
-        largest = 0.0
-        for i in range(6):
-            largest = max(largest, abs(step[i]))
-        if largest < 2e-6:
+        if np.abs(step[:6]).max() < 2e-6:
             break
     motion[:3] = vector_from_rotation(R)
     motion[3:] = t

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.rigid_motion import full_pair
+from stereocalib_core.numeric.rigid_motion import rigid_pair
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 
 
@@ -51,11 +51,11 @@ def robust_motion(
     focal_px: float,
     tolerance_px: float,
     samples: int,
-    solver: tuple[float, int, int],
+    iterations: int,
 ) -> tuple[Array, float]:
     """(6,) motion that the points (5, N) with the most votes (N,) agree with, and these votes.
 
-    The candidates are the prediction and `samples` triples drawn by a fixed sequence. solver: as for `full_pair`.
+    The candidates are the prediction and `samples` triples drawn by a fixed sequence.
     """
     count = rays.shape[1]
     candidates = np.zeros((samples + 1, 6))
@@ -68,7 +68,7 @@ def robust_motion(
         motion = predicted.copy()
         information = np.zeros((6, 6))
         if s == 0:
-            full_pair(rays, none, none, count, motion, focal_px, 1.0, 4.0 * tolerance_px, solver, information)
+            rigid_pair(rays, none, count, motion, focal_px, 4.0 * tolerance_px, iterations, information)
         else:
             triple = np.empty((5, 3))
             seed = np.uint64(s * 2654435761 + 12345)
@@ -78,13 +78,13 @@ def robust_motion(
                 )
                 pick = np.int64((seed >> np.uint64(33)) % np.uint64(count))
                 triple[:, k] = rays[:, pick]
-            full_pair(triple, none, none, three, motion, focal_px, 1.0, 1000.0, solver, information)
+            rigid_pair(triple, none, three, motion, focal_px, 1000.0, iterations, information)
         candidates[s] = motion
         scores[s] = _score(rays, votes, motion, tolerance)
     best = int(np.argmax(scores))
     motion = candidates[best].copy()
     information = np.zeros((6, 6))
-    full_pair(rays, none, none, count, motion, focal_px, 1.0, 0.5 * tolerance_px, solver, information)
+    rigid_pair(rays, none, count, motion, focal_px, 0.5 * tolerance_px, iterations, information)
     refined = _score(rays, votes, motion, tolerance)
     if refined >= scores[best]:
         return motion, refined

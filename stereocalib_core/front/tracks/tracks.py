@@ -26,7 +26,7 @@ from stereocalib_core.results import DisparityMap, Tracks
 
 Image = NDArray[np.uint8]
 
-_SOLVER = OdometryConfig()
+_ITERATIONS = OdometryConfig().solver.iterations
 """The tracker's own motion is solved as the odometry's is, but no setting of that enters here."""
 
 
@@ -154,9 +154,14 @@ def _follow(
     if np.count_nonzero(ok) < config.min_points:
         return ok, None, 0.0
     votes = np.where(corners.on_road[ok], config.road_votes, 1.0)
-    solver = _SOLVER.solver.noise_px, _SOLVER.solver.iterations, _SOLVER.min_points_of_a_kind
     motion, _ = robust_motion(
-        np.ascontiguousarray(rays[:, ok]), votes, predicted, f, config.tolerance_px, config.samples, solver
+        np.ascontiguousarray(rays[:, ok]),
+        votes,
+        predicted,
+        f,
+        config.tolerance_px,
+        config.samples,
+        _ITERATIONS,
     )
     seen = reprojection(rays, motion)
     followed = float(ok.sum())
