@@ -1,6 +1,6 @@
 """Dense disparity of a rectified pair: what a matcher is, which ones there are by name, and ours.
 
-Ours is OpenCV's semi-global matching, with exact pixel centres.
+Ours is semi-global matching as OpenCV has it, with exact pixel centres.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import DisparityConfig
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.front.semi_global import paths
 from stereocalib_core.front.sight import matching_step
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Grey
@@ -110,7 +111,9 @@ class MatchedOnce:
 
 @lru_cache(maxsize=16)
 def _matcher(_thread: int, first: int, count: int, config: DisparityConfig) -> Any:
-    """One per thread: a matcher keeps its buffers, and two threads on one would corrupt each other's map."""
+    """OpenCV's own, for blocks and penalties that are beyond 16 bits here.
+
+    One per thread: a matcher keeps its buffers, and two threads on one would corrupt each other's map."""
     return cv2.StereoSGBM.create(
         minDisparity=first,
         numDisparities=count,
@@ -153,7 +156,11 @@ def compute(
     count = min(wanted, (left.shape[1] - abs(first) - 8) // 16 * 16)
     if count < 16:
         return DisparityMap(np.full(left.shape, np.nan, np.float32), step)
-    raw = _matcher(threading.get_ident(), first, count, config).compute(left, right)
+    block, small, large = config.block_size, config.small_step_penalty, config.large_step_penalty
+    if paths.fits(block, small, large):
+        raw = paths.match(left, right, first, count, block, small, large)
+    else:
+        raw = _matcher(threading.get_ident(), first, count, config).compute(left, right)
     scale = np.float32(step / _SUBPIXEL)
     values = raw.astype(np.float32)
     values *= scale

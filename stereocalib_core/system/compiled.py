@@ -23,12 +23,13 @@ from stereocalib_core.system.user_cache import user_cache
 
 PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 SECONDS = {
-    "sources": 2, "front.rows": 5, "front.road": 14, "front.tracks": 12, "front.scan": 2,
+    "sources": 2, "front.semi_global": 4, "front.rows": 5, "front.road": 14, "front.tracks": 12, "front.scan": 2,
     "back.rig": 5, "back.odometry": 15, "back.lidar": 2, "simulator": 12, "boards": 3,
 }  # fmt: skip
 """Every room with something to compile, and about how long it takes on one core: shares the work out evenly."""
 DRIVE = (
     "sources",
+    "front.semi_global",
     "front.rows",
     "front.road",
     "front.tracks",
