@@ -51,6 +51,7 @@ def test_the_map_is_that_of_opencv(
     left, right = pair(*shape)
     matcher = cv2.StereoSGBM.create(lowest, count, block, small, large, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
     theirs = matcher.compute(left, right)
+    left.flags.writeable = False
     ours = match(left, right, lowest, count, block, small, large)
     np.testing.assert_array_equal(ours, theirs)
     if shape[0] > 50:

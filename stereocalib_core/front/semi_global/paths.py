@@ -250,6 +250,7 @@ def match(left: Grey, right: Grey, lowest: int, count: int, block: int, small: i
     """
     rows = -(-left.shape[0] // _STRIPS)
     overlap = block // 2 + 1 + int(np.ceil(0.1 * rows))
-    left, mirrored = np.ascontiguousarray(left), np.ascontiguousarray(right[:, ::-1])
+    # blocks of memory of their own: compiled code is another one for pictures that may not be written to
+    left, mirrored = np.array(left, order="C"), np.array(right[:, ::-1], order="C")
     found = _strips(left, mirrored, lowest, count, (block // 2, small, large), _STRIPS, overlap)
     return np.asarray(cv2.medianBlur(found, 3), dtype=np.int16)
