@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 from stereocalib_core.errors import SourceError
 from stereocalib_core.sources.pictures import PICTURE_SUFFIXES
+from stereocalib_core.system import opening
 
 DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, OverflowError,
@@ -51,7 +52,8 @@ def unpack(file: BinaryIO | Path, name: str, folder: Path, most_bytes: int, most
                 raise SourceError(
                     "no stereo drive in the zip", name, "pack left/ right/ camera.yaml, or KITTI"
                 )
-            for entry, path in wanted:
+            for done, (entry, path) in enumerate(wanted):
+                opening.tell(done, len(wanted))
                 _write(archive, entry, folder / path, name)
             return total
     except DAMAGED as error:

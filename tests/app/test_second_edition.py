@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import re
 import time
+import zipfile
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import computed_page, seen_page, shown_frame, tab, until
+from conftest import computed_page, press, seen_page, shown_frame, tab, text_entry, until
 from stereocalib_app.drive.lesson_marks import path_around
 from stereocalib_app.drive.path_state import PathErrors, PathState
+from stereocalib_app.drive.settings import Corrections
 from stereocalib_app.drive.summary import alike_words, error_scale, path_table
 from stereocalib_app.server.docking import read_docking
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.widgets.long_work import LongWork
+from stereocalib_app.words.lessons import LESSONS
 
 from stereocalib_core.back.evaluation import evaluate
+from stereocalib_core.errors import SourceError
+from stereocalib_core.sources.archive_files import unpack
+from stereocalib_core.system import opening
 
 FRAMES = 24
 DRIVE = f"synthetic:town?frames={FRAMES}&fault=drop@14-16"
@@ -145,6 +152,67 @@ def test_two_paths_that_are_the_same_say_why() -> None:
     assert "measure how the camera itself moves" in path_table(alike, "full")
     assert "has shown no yaw" in alike_words(alike, "nonholonomic")
     assert alike_words(PathState({"autocalibrated": poses, "no_yaw": other}, errors), "full") == ""
+
+
+@pytest.mark.browser
+def test_paths_that_are_the_same_say_why_on_the_page(page: Any, hub: Hub) -> None:
+    tab(page, "Paths")
+    said = page.get_by_text("No yaw and autocalibrated are the same path here, and that is right")
+    until(lambda: said.count() >= 1, what="why two rows are equal")
+    hub.shared.change(corrections=Corrections(model="nonholonomic", yaw_error_deg=1.0))
+    until(lambda: said.count() == 0, what="nothing to explain where they differ")
+    hub.shared.change(corrections=Corrections())
+    tab(page, "Guide")
+
+
+@pytest.mark.browser
+def test_a_class_plays_the_quiz(page: Any, hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    roll = next(i for i, lesson in enumerate(LESSONS) if lesson.title == "Roll")
+    monkeypatch.setattr("stereocalib_app.drive.panels.teach.random.randrange", lambda _count: roll)
+    tab(page, "Guide")
+    press(page, "Teach")
+    page.get_by_text("Quiz", exact=True).click()
+    page.get_by_role("button", name="Break something").click()
+    until(lambda: hub.shared.settings.corrections.roll_error_deg == 2.0, what="broken")
+    until(lambda: page.get_by_text("Something is broken. Which step is it?").count(), what="the question")
+    assert page.get_by_text("Broken:").count() == 0
+    for guess, answer in (("Free map", "Not Free map. Look again."), ("Roll", "Found: Roll.")):
+        text_entry(page, "It is").click()
+        page.get_by_role("option", name=guess, exact=True).click()
+        until(lambda answer=answer: page.get_by_text(answer).count(), what=answer)
+    until(lambda: not hub.shared.settings.corrections.touched, what="mended")
+    press(page, "Teach")
+
+
+@pytest.mark.browser
+def test_a_recording_that_takes_its_time_to_open_tells_how_far_it_is(
+    page: Any, hub: Hub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(text: str) -> Any:
+        for done in range(12):
+            opening.tell(done, 12)
+            time.sleep(0.25)
+        raise SourceError("nothing in it", text, "try another")
+
+    monkeypatch.setattr(hub.library, "open", slowly)
+    tab(page, "Open")
+    press(page, "Open")
+    until(lambda: page.get_by_text(re.compile(r"\d+ of 12 · \d s left")).count(), what="time left")
+    until(lambda: page.get_by_text("nothing in it").count(), what="how it ended")
+    until(lambda: page.get_by_text(re.compile(r"\d+ of 12")).count() == 0, what="note gone")
+    tab(page, "Guide")
+
+
+def test_unpacking_is_told_to_who_listens_and_to_nobody_else(tmp_path: Path) -> None:
+    pack, told = tmp_path / "a.zip", []
+    with zipfile.ZipFile(pack, "w") as archive:
+        for number in range(3):
+            archive.writestr(f"left/{number}.png", b"0")
+    with opening.told_to(lambda done, total: told.append((done, total))):
+        unpack(pack, "a.zip", tmp_path / "out", 1000, 10)
+    assert told == [(0, 3), (1, 3), (2, 3)]
+    unpack(pack, "a.zip", tmp_path / "again", 1000, 10)
+    assert len(told) == 3
 
 
 UNNAMED = """() => [...document.querySelectorAll('button, input:not([type=hidden]), select, textarea, img,'

@@ -6,6 +6,8 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 
+from stereocalib_core.system import opening
+
 Progress = Callable[[int, int, str], None]
 
 
@@ -26,4 +28,5 @@ def terminal_progress() -> Iterator[Progress | None]:
         def show(done: int, total: int, what: str) -> None:
             bars.update(task, completed=done, total=total, description=what)
 
-        yield show
+        with opening.told_to(lambda done, total: show(done, total, "opening")):
+            yield show

@@ -8,7 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from stereocalib_app.widgets import palette
+from stereocalib_app.widgets.long_work import LongWork
 from stereocalib_core.errors import StereoCalibError
+from stereocalib_core.system import opening
 
 LOG = logging.getLogger(__name__)
 
@@ -62,12 +64,14 @@ class PageBase:
             action(value)
 
     def run_for_client(self, event: Any, action: Callable[[Any], Any]) -> None:
-        """`action(client)`, which a person asked for, where it is allowed; errors are told kindly."""
+        """`action(client)`, which a person asked for, where it is allowed; errors are told kindly, and of a recording
+        that takes its time to open, how far it is."""
         client = event.client
         if client is None or not self.may_act(event):
             return
         try:
-            action(client)
+            with LongWork(client, "Opening") as work, opening.told_to(work.at):
+                action(client)
         except StereoCalibError as error:
             LOG.info("%s", error)
             body = f"{error.what}: {error.where}. {error.remedy}"
