@@ -68,6 +68,12 @@ class RegionConfig:
     candidates: int = 300
     """Planes tried where nothing is known; three cells are all on a road that fills a third of what is near."""
     candidates_with_past: int = 100
+    refined: int = 6
+    refine_rounds: int = 3
+    """So many of the best are fitted to the cells on them, in so many rounds, before the best one is taken."""
+    carried_frames: int = 5
+    """The roads of so many frames are carried along by the odometry, to be seen from where the car is now: half a
+    second, in which a car does not get beyond what it saw."""
     draw_within: float = 0.3
     """Cells are drawn by area, fading beyond the distance within which so many of them lie."""
     way_side_m: float = 2.0

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from stereocalib_core.config import RegionConfig
 from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.geometry import Extrinsics, transform
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import rotation_from_vector
 
 _KITTI_HEIGHT_M = 1.65
 
@@ -32,6 +36,12 @@ def way_of(motion: Array | None, height_m: float, config: RegionConfig) -> Way:
     curvature = curvature_of(motion, height_m, config)
     most, sharpest = config.most_slope, config.most_curvature_per_m
     return Way(float(np.clip(slope, -most, most)), float(np.clip(curvature, -sharpest, sharpest)))
+
+
+def carried_on(roads: Iterable[Extrinsics | None], motion: Array) -> list[Extrinsics | None]:
+    """Roads seen from the previous pair as they are seen from the one after; motion: (6,) of T_current_previous."""
+    T = transform(rotation_from_vector(motion[:3]), motion[3:])
+    return [None if road is None else Extrinsics.from_plane(road.plane().transformed(T)) for road in roads]
 
 
 def heading_of(motion: Array | None, height_m: float, config: RegionConfig) -> float | None:

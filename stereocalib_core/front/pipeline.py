@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
-from stereocalib_core.front.car_way import curvature_of, heading_of, way_of
+from stereocalib_core.front.car_way import carried_on, curvature_of, heading_of, way_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
 from stereocalib_core.front.road.estimate import (
@@ -106,6 +106,7 @@ class FrontEnd:
         self._tracker = TrackerState()
         self._road: Extrinsics | None = None
         self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
+        self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
         self._pasts: deque[Extrinsics | None] = deque([None] * (AHEAD + 1), maxlen=AHEAD + 1)
@@ -187,14 +188,26 @@ class FrontEnd:
         region = self.config.region
         way = way_of(self._tracker.motion, self._standing.height_m, region)
         heading = float(np.median(self._headings)) if len(self._headings) >= region.least_past else 0.0
-        return Hint(self._past_road(), way, heading)
+        # the car goes on as it went between the last two pairs
+        motion = self._tracker.motion
+        carried = self._carried if motion is None else carried_on(self._carried, motion)
+        return Hint(self._past_road(), self._median([e for e in carried if e is not None]), way, heading)
 
     def _past_road(self) -> Extrinsics | None:
-        """The median of the last roads, where there are enough."""
-        if len(self._past) < self.config.region.least_past:
+        """The median of the last roads as the rig saw them, where there are enough."""
+        return self._median(self._past)
+
+    def _median(self, roads: Collection[Extrinsics]) -> Extrinsics | None:
+        if len(roads) < self.config.region.least_past:
             return None
-        rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in self._past], axis=0)
+        rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in roads], axis=0)
         return Extrinsics(*(float(x) for x in rig))
+
+    def _carry(self, motion: NDArray[np.float64] | None, road: Extrinsics | None) -> None:
+        """The roads of the last pairs seen from this one, with its own; none where the motion into it is not known."""
+        known = () if motion is None else carried_on(self._carried, motion)
+        self._carried.clear()
+        self._carried.extend([*known, road])
 
     @property
     def _standing(self) -> Extrinsics:
@@ -258,6 +271,7 @@ class FrontEnd:
             self._past.append(self._road)
         view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
+        self._carry(self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
         if heading is not None:
             self._headings.append(heading)
@@ -295,6 +309,7 @@ class FrontEnd:
             if result.road is not None:
                 self._road = result.road.extrinsics
                 self._past.append(self._road)
+            self._carry(remembered.motion, None if result.road is None else result.road.extrinsics)
             heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
             if heading is not None:
                 self._headings.append(heading)

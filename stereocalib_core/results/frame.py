@@ -71,6 +71,7 @@ class RoadEstimate:
     range_m: nearest and farthest road distance used.
     bend: height [m] and pitch [rad] by which the lane as a whole differs, where the road bends up or down ahead.
     crossfall_rad: 1 sigma of the roll by which it may differ: one side of a crown, or another road's in a turn.
+    along: 1 sigma of height [m] and pitch [rad], together, that the crossfall makes where the car turns.
     """
 
     extrinsics: Extrinsics
@@ -80,12 +81,13 @@ class RoadEstimate:
     range_m: tuple[float, float]
     bend: tuple[float, float] = (0.0, 0.0)
     crossfall_rad: float = 0.0
+    along: tuple[float, float] = (0.0, 0.0)
 
     @property
     def bend_covariance(self) -> NDArray[np.float64]:
         """(3, 3) what `bend` and crossfall add to `covariance`: no other look at the same road averages it out."""
-        difference = np.array([*self.bend, 0.0])
-        return np.outer(difference, difference) + np.diag([0.0, 0.0, self.crossfall_rad**2])
+        bend, along = np.array([*self.bend, 0.0]), np.array([*self.along, 0.0])
+        return np.outer(bend, bend) + np.outer(along, along) + np.diag([0.0, 0.0, self.crossfall_rad**2])
 
     @property
     def sigma(self) -> NDArray[np.float64]:

@@ -61,7 +61,14 @@ def finished(index: int) -> Done:
         index,
         index / 3,
         RoadEstimate(
-            Extrinsics(*rng.normal(size=4)), covariance, 17, 1 / 3, (4.5, 31.25), (0.1, -1 / 7), 0.3
+            Extrinsics(*rng.normal(size=4)),
+            covariance,
+            17,
+            1 / 3,
+            (4.5, 31.25),
+            (0.1, -1 / 7),
+            0.3,
+            (1 / 9, 0.7),
         ),
         None,
         1 / 7,

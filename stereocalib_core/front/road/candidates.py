@@ -9,6 +9,7 @@ Everything is in disparity space, where a plane is Delta = A (v - v0) + B (u - u
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,20 +170,95 @@ def _score(
     return scores
 
 
+@njit(cache=True, nogil=True)
+def _refined(
+    u: Array,
+    v: Array,
+    d: Array,
+    z: Array,
+    weight: Array,
+    planes: Array,
+    fb: float,
+    bottom_v: float,
+    noise: float,
+    scale: Array,
+    rounds: int,
+) -> Array:
+    """(K, 3) planes, each fitted to the cells that lie on it as `_score` weighs them; NaN where there are too few."""
+    refined = planes.copy()
+    H, r = np.empty((3, 3)), np.empty(3)
+    for k in range(len(planes)):
+        for _ in range(rounds):
+            a, bu, c = refined[k, 0], refined[k, 1], refined[k, 2]
+            bottom = a * bottom_v + c
+            if not (a > 0.0 and bottom > 0.0):
+                refined[k] = np.nan
+                break
+            near = fb / bottom
+            far = max(min(fb * scale[5] / noise, scale[7]), scale[6] * near)
+            length, least = scale[3] * near, scale[2] * noise
+            # height is baseline over a
+            height_tolerance = min(scale[0] * a / scale[9], scale[1])
+            H[:], r[:] = 0.0, 0.0
+            n = 0
+            for i in range(len(u)):
+                if z[i] > far or z[i] < 0.8 * near:
+                    continue
+                e = d[i] - (a * v[i] + bu * u[i] + c)
+                tolerance = max(height_tolerance * d[i], least)
+                if abs(e) >= tolerance:
+                    continue
+                q = z[i] / length
+                on = 1.0 - (e / tolerance) ** 2
+                # the score's own slope: the more a cell off the plane costs the nearer its limit
+                w = on * weight[i] / ((1.0 + q * q * q * q) * tolerance * tolerance)
+                n += 1
+                H[0, 0] += w * v[i] * v[i]
+                H[0, 1] += w * v[i] * u[i]
+                H[0, 2] += w * v[i]
+                H[1, 1] += w * u[i] * u[i]
+                H[1, 2] += w * u[i]
+                H[2, 2] += w
+                r[0] += w * e * v[i]
+                r[1] += w * e * u[i]
+                r[2] += w * e
+            H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
+            if n < 10 or not np.linalg.det(H) > 0.0:
+                refined[k] = np.nan
+                break
+            refined[k] += np.linalg.solve(H, r)
+    return refined
+
+
 def weigh(
     cells: Cells, planes: Array, camera: StereoCamera, step_px: int, sight: SightConfig, config: RegionConfig
 ) -> Array:
     """(K,) scores of planes (K, 3) A, B, C; -inf for what is no plane in front of the camera."""
-    scale = np.array(
+    return _score(
+        cells.u, cells.v, cells.d, cells.z_m, cells.weight, planes, camera.focal_px * camera.baseline_m,
+        camera.baseline_m, camera.height - 1.0 - camera.cy_px, noise_px(step_px, sight),
+        _scale(camera, sight, config),
+    )  # fmt: skip
+
+
+def _scale(camera: StereoCamera, sight: SightConfig, config: RegionConfig) -> Array:
+    return np.array(
         [
             config.candidate_tolerance_m, config.tolerance_of_height, config.tolerance_noise, config.near_length,
             config.below_weight, sight.most_noise, sight.least_reach, sight.lane_far_m,
-            config.tolerance_m,
+            config.tolerance_m, camera.baseline_m,
         ]
     )  # fmt: skip
-    return _score(
+
+
+def refine(
+    cells: Cells, planes: Array, camera: StereoCamera, step_px: int, sight: SightConfig, config: RegionConfig
+) -> Array:
+    """(K, 3) planes A, B, C moved to where most lies on them; NaN for what is no plane in front of the camera."""
+    return _refined(
         cells.u, cells.v, cells.d, cells.z_m, cells.weight, planes, camera.focal_px * camera.baseline_m,
-        camera.baseline_m, camera.height - 1.0 - camera.cy_px, noise_px(step_px, sight), scale,
+        camera.height - 1.0 - camera.cy_px, noise_px(step_px, sight), _scale(camera, sight, config),
+        config.refine_rounds,
     )  # fmt: skip
 
 
@@ -203,44 +279,72 @@ def _allowed(rig: Array, limits: LimitsConfig) -> NDArray[np.bool_]:
     )
 
 
-def likeness(rig: Array, past: Extrinsics | None, config: RegionConfig) -> Array:
-    """(K,) how likely rigs (K, 3) are after `past`, 1 = the same, at least `least_likeness`: rigs get knocked."""
-    if past is None:
+def likeness(rig: Array, pasts: Sequence[Extrinsics], config: RegionConfig) -> Array:
+    """(K,) how likely rigs (K, 3) are after `pasts`, by the kinder: 1 = the same, at least `least_likeness`.
+
+    Rigs get knocked. Nothing in the past: all are as likely.
+    """
+    if not pasts:
         return np.ones(len(rig))
-    off = (rig - [past.height_m, past.pitch_rad, past.roll_rad]) / [
-        config.past_height * past.height_m, config.past_pitch_rad, config.past_roll_rad,
-    ]  # fmt: skip
-    return np.maximum(np.exp(-0.5 * np.sum(off**2, axis=1)), config.least_likeness)
+    likely = np.full(len(rig), config.least_likeness)
+    for past in pasts:
+        off = (rig - [past.height_m, past.pitch_rad, past.roll_rad]) / [
+            config.past_height * past.height_m, config.past_pitch_rad, config.past_roll_rad,
+        ]  # fmt: skip
+        likely = np.maximum(likely, np.exp(-0.5 * np.sum(off**2, axis=1)))
+    return likely
 
 
 def best_plane(
     cells: Cells,
     camera: StereoCamera,
     step_px: int,
-    past: Extrinsics | None,
+    pasts: Sequence[Extrinsics],
     limits: LimitsConfig,
     sight: SightConfig,
     config: RegionConfig,
 ) -> DisparityPlane | None:
-    """The candidate with the highest score; None where nothing in front of the camera is a plane within `limits`."""
+    """The candidate with the highest score; None where nothing in front of the camera is a plane within `limits`.
+
+    pasts: roads of a moment ago, any of which this one may be.
+    """
     if len(cells.u) < 3:
         return None
     drawn = cells.weight / (1.0 + (cells.z_m / np.quantile(cells.z_m, config.draw_within)) ** 4)
     drawn = np.minimum(drawn, np.quantile(drawn, 0.98))
-    count = config.candidates if past is None else config.candidates_with_past
+    count = config.candidates_with_past if pasts else config.candidates
     planes = _draw(cells.u, cells.v, cells.d, np.cumsum(drawn), count)
-    if past is not None:
-        p = past.disparity_plane(camera)
-        planes = np.vstack([[[p.a, p.b, p.c_px]], planes])
-    planes = planes[np.isfinite(planes).all(axis=1) & (planes[:, 0] > 0)]
-    rig = angles_of(planes, camera)
-    inside = _allowed(rig, limits)
-    if not inside.any():
+    known = [past.disparity_plane(camera) for past in pasts]
+    planes = np.vstack([*([[p.a, p.b, p.c_px]] for p in known), planes])
+    planes, scores = _weighed(planes, cells, camera, step_px, pasts, limits, sight, config)
+    if not len(planes):
         return None
-    planes, rig = np.ascontiguousarray(planes[inside]), rig[inside]
-    scores = weigh(cells, planes, camera, step_px, sight, config)
-    scores = np.where(scores > 0, scores * likeness(rig, past, config), scores)
+    # Three cells are a rough plane. The best ones are moved to where most lies on them before they are compared.
+    first = np.argsort(-scores, kind="stable")[: config.refined]
+    refined = refine(cells, np.ascontiguousarray(planes[first]), camera, step_px, sight, config)
+    planes, scores = _weighed(
+        np.vstack([planes[first], refined]), cells, camera, step_px, pasts, limits, sight, config
+    )
     best = int(np.argmax(scores))
     if not scores[best] > 0:
         return None
     return DisparityPlane(*(float(x) for x in planes[best]))
+
+
+def _weighed(
+    planes: Array,
+    cells: Cells,
+    camera: StereoCamera,
+    step_px: int,
+    pasts: Sequence[Extrinsics],
+    limits: LimitsConfig,
+    sight: SightConfig,
+    config: RegionConfig,
+) -> tuple[Array, Array]:
+    """Those of planes (K, 3) that are within `limits`, and their scores by likeness (M,)."""
+    planes = planes[np.isfinite(planes).all(axis=1) & (planes[:, 0] > 0)]
+    rig = angles_of(planes, camera)
+    inside = _allowed(rig, limits)
+    planes, rig = np.ascontiguousarray(planes[inside]), rig[inside]
+    scores = weigh(cells, planes, camera, step_px, sight, config)
+    return planes, np.where(scores > 0, scores * likeness(rig, pasts, config), scores)

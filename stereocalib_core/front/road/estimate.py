@@ -78,12 +78,20 @@ def limits_failure(
 class Hint:
     """Where to look, from the frames before: the road that the rig stood on, where the car goes and where it points.
 
+    past: by the rig, as it stood over the last ones. carried: the road of the last ones themselves, seen from where the
+    car is now: over a crossing road, or one that leans, it is another one.
     heading_slope: x / z of the direction of straight travel: the tangent of the mount's yaw.
     """
 
     past: Extrinsics | None = None
+    carried: Extrinsics | None = None
     way: Way = Way()
     heading_slope: float = 0.0
+
+    @property
+    def pasts(self) -> tuple[Extrinsics, ...]:
+        """Those that are known."""
+        return tuple(e for e in (self.past, self.carried) if e is not None)
 
 
 def _with_region(
@@ -93,7 +101,7 @@ def _with_region(
     disparity = road.disparity
     cells = candidates.gather(disparity, camera, hint.way, config.sight, config.region)
     plane = candidates.best_plane(
-        cells, camera, disparity.step_px, hint.past, config.limits, config.sight, config.region
+        cells, camera, disparity.step_px, hint.pasts, config.limits, config.sight, config.region
     )
     notes.lap("region")
     height_m = config.free_map.road_height_m if plane is None else plane.extrinsics(camera).height_m
@@ -157,7 +165,7 @@ def _nearest(disparity: DisparityMap, camera: StereoCamera, config: PipelineConf
     """Largest disparity [px] of the road that a map shows by itself; None: it shows none."""
     cells = candidates.gather(disparity, camera, Way(), config.sight, config.region)
     plane = candidates.best_plane(
-        cells, camera, disparity.step_px, None, config.limits, config.sight, config.region
+        cells, camera, disparity.step_px, (), config.limits, config.sight, config.region
     )
     return None if plane is None else road_disparity(camera, plane.extrinsics(camera))
 
@@ -240,7 +248,7 @@ def finish_road(
     if config.method == "direct":
         direct = fit_direct(left, right, camera, region, disparity.step_px, _scaled(config.direct, region))
         notes.lap("direct")
-        found = _by_alignment(notes, direct, region, config.direct)
+        found = _by_alignment(notes, direct, region, hint or Hint(), config.direct)
     else:
         found = _by_profile(paper)
     road = dataclasses.replace(road, road=region.cells, free_fraction=share, paper=paper, direct=direct)
@@ -249,24 +257,26 @@ def finish_road(
     failure = _believed(notes, found, config.limits)
     if failure is not None:
         return notes.end(road, failure)
-    e, covariance, inliers, crossfall_rad = found
-    estimate = RoadEstimate(e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad)
+    e, covariance, inliers, crossfall_rad, along = found
+    estimate = RoadEstimate(
+        e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad, along=along
+    )
     return notes.end(road, None, estimate)
 
 
 NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
-Found = tuple[Extrinsics, NDArray[np.float64], int, float]
-"""Extrinsics, their (3, 3) covariance, what agrees with them, and 1 sigma of the crossfall beside [rad]."""
+Found = tuple[Extrinsics, NDArray[np.float64], int, float, tuple[float, float]]
+"""Extrinsics, their (3, 3) covariance, what agrees with them, 1 sigma of the crossfall beside [rad], and `_along`."""
 
 
 def _by_profile(fit: PaperFit | None) -> Found | Failure:
     if fit is None:
         return Failure(FailureReason.NO_ROAD, "no road profile in the v-disparity of the region")
-    return fit.extrinsics, fit.covariance, fit.profile.inliers, 0.0
+    return fit.extrinsics, fit.covariance, fit.profile.inliers, 0.0, (0.0, 0.0)
 
 
 def _by_alignment(
-    notes: Notes, direct: DirectFit | None, region: Region, config: DirectConfig
+    notes: Notes, direct: DirectFit | None, region: Region, hint: Hint, config: DirectConfig
 ) -> Found | Failure:
     """The direct alignment over the region, with what a road must fulfil."""
     if direct is None:
@@ -286,7 +296,21 @@ def _by_alignment(
     other = config.other_side_rad * (1.0 - region.planar) ** 3
     turning = config.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
     inliers = int(np.count_nonzero(direct.patches.weight))
-    return direct.extrinsics, direct.covariance, inliers, float(np.hypot(other, turning))
+    crossfall = float(np.hypot(other, turning))
+    way = region.strip if region.strip.curvature_per_m != 0.0 else hint.way
+    return direct.extrinsics, direct.covariance, inliers, crossfall, _along(crossfall, way, region.range_m)
+
+
+def _along(crossfall_rad: float, way: Way, range_m: tuple[float, float]) -> tuple[float, float]:
+    """1 sigma of height [m] and pitch [rad]: what a crossfall ahead is along the car, where it turns to it or from it.
+
+    The slope grows from none at the car's own road: half of it on the average, and the surface, which bends, is at
+    the car about half of the way nearer to the plane than the plane's own slope has it.
+    """
+    middle = 0.5 * (range_m[0] + range_m[1])
+    turned = min(abs(way.slope + way.curvature_per_m * middle), 0.5 * np.pi)
+    pitch = 0.5 * crossfall_rad * float(np.sin(turned))
+    return 0.5 * middle * pitch, pitch
 
 
 def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
@@ -300,8 +324,8 @@ def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
 
 def _believed(notes: Notes, found: Found, limits: LimitsConfig) -> Failure | None:
     """OUT_OF_RANGE or TOO_UNCERTAIN, and their numbers among the checks."""
-    extrinsics, covariance, _, crossfall_rad = found
-    sigma = np.sqrt(np.diag(covariance) + [0.0, 0.0, crossfall_rad**2])
+    extrinsics, covariance, _, crossfall_rad, along = found
+    sigma = np.sqrt(np.diag(covariance) + np.square([*along, crossfall_rad]))
     degrees = np.rad2deg(sigma)
     check = notes.check
     check("estimate", "height", extrinsics.height_m, limits.min_height_m, limits.max_height_m, "m")

@@ -1,0 +1,77 @@
+"""The road of a moment ago, carried along by the odometry, and the candidates that are weighed against it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereocalib_core.config import PipelineConfig, RegionConfig
+from stereocalib_core.front.car_way import carried_on
+from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.front.road.candidates import Way, likeness
+from stereocalib_core.front.road.estimate import _along
+from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results import RoadEstimate
+from stereocalib_core.sources.formats.synthetic import SyntheticSource
+
+
+def test_a_leaning_road_is_seen_from_the_turned_car() -> None:
+    # a slope across the old heading is one along the new one, after a quarter turn to the right
+    leaning = Extrinsics(1.65, 0.0, 0.03)
+    turn = np.array([0.0, -0.5 * np.pi, 0.0, 0.0, 0.0, 0.0])
+    (seen, nothing) = carried_on([leaning, None], turn)
+    assert nothing is None and seen is not None
+    assert seen.height_m == pytest.approx(1.65)
+    assert seen.roll_rad == pytest.approx(0.0, abs=1e-9)
+    assert abs(seen.pitch_rad) == pytest.approx(0.03, abs=1e-9)
+
+
+def test_driving_up_a_slope_ahead_brings_it_nearer() -> None:
+    # looking 0.1 rad away from the road, a metre ahead the camera is 0.1 m higher over it
+    (seen,) = carried_on([Extrinsics(1.65, -0.1, 0.0)], np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0]))
+    assert seen is not None
+    assert seen.height_m == pytest.approx(1.65 + np.sin(0.1), abs=1e-9)
+    assert seen.pitch_rad == pytest.approx(-0.1)
+
+
+def test_the_kinder_past_counts() -> None:
+    config = RegionConfig()
+    rig, road = Extrinsics(1.65, 0.0, 0.0), Extrinsics(1.65, 0.0, 0.06)
+    asked = np.array([[1.65, 0.0, 0.0], [1.65, 0.0, 0.06], [1.65, 0.0, -0.06]])
+    assert likeness(asked, (rig, road), config)[:2] == pytest.approx([1.0, 1.0])
+    assert likeness(asked, (rig, road), config)[2] == pytest.approx(
+        max(np.exp(-0.5 * (0.06 / config.past_roll_rad) ** 2), config.least_likeness)
+    )
+    assert likeness(asked, (), config) == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_a_crossfall_is_one_along_the_car_where_it_turns() -> None:
+    assert _along(0.0144, Way(), (5.0, 15.0)) == pytest.approx((0.0, 0.0))
+    height, pitch = _along(0.0144, Way(0.0, 0.5), (5.0, 15.0))  # ahead, the way leads aside
+    assert pitch == pytest.approx(0.0072)
+    assert height == pytest.approx(0.5 * 10.0 * 0.0072)
+    estimate = RoadEstimate(
+        Extrinsics(1.65, 0.0, 0.0), np.zeros((3, 3)), 9, 0.5, (5.0, 15.0), along=(height, pitch)
+    )
+    assert estimate.sigma == pytest.approx([height, pitch, 0.0])
+    assert estimate.bend_covariance[0, 1] == pytest.approx(height * pitch)
+
+
+def test_in_a_tight_turn_between_kerbs_no_frame_is_sure_of_the_pavement(data_dir: Path) -> None:
+    """Between road and pavement lies a plane that many cells are near to: 67 mm and 1.1 deg off, where it was taken."""
+    path = data_dir / "kitti_odometry" / "poses" / "07.txt"
+    source = SyntheticSource.from_spec(f"synthetic:?path={path}&seed=5&frames=137")
+    truth = source.ground_truth.extrinsics
+    assert truth is not None
+    front_end = FrontEnd(source.camera, PipelineConfig())
+    error, sigma = [], []
+    for i in range(123, 137):
+        road = front_end.step(source[i]).road
+        assert road is not None
+        e = road.extrinsics
+        error.append(np.array([e.height_m, e.pitch_rad, e.roll_rad]) - truth[i, :3])
+        sigma.append(road.sigma)
+    assert np.all(np.abs(error).max(axis=0) <= [0.015, *np.deg2rad([0.15, 0.25])])
+    assert np.all(np.abs(np.array(error)) < 4.0 * np.array(sigma))
