@@ -63,7 +63,8 @@ class RoadPointsConfig:
     """1 sigma of the road's height about a plane [m]. Source: ISO 8608 class A to B over the length of a lane."""
     unseen_bend_m: float = 0.008
     """How far a road bends, 1 sigma [m], where nothing of the lane along the car's way shows a point; with the square
-    of the share that shows none, as a curve leaves its tangent. Tuned on the synthetic town of seed 5 and `curves`."""
+    of the share that shows none, as a curve leaves its tangent. No camber or twist is taken for smaller. Tuned on the
+    synthetic town of seed 5 and `curves`."""
     rounds: int = 14
     """Of reweighting: the first with gentle weights, so that the first plane may be a poor one. Numerical."""
     soft_rounds: int = 4
@@ -73,7 +74,7 @@ class RoadPointsConfig:
     """Of the errors of the points and of the pair's own estimate: both see one road. Tuned on the synthetic town of
     seed 5 and on `curves`, whose errors change by a tenth between 0 and 0.6."""
     gate: float = 3.0
-    """Contradiction, in sigmas of both, by which neither is believed."""
+    """Contradiction, in sigmas of both, by which only one of them can be right."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -108,15 +109,20 @@ class FilterConfig:
     rest_angle_deg: float = 0.15
     memory_s: float = 2.0
     """Over which the sizes of body motion and measurement noise are learnt [s]: some three swings of the body."""
-    persistent_share: Share = 0.6
-    """Of a frame's variance, what it shares with its neighbours: it does not average out, and small innovations do not
-    make it smaller. Tuned on the synthetic town of seed 5 and `curves` for how often sigma covers the error, judged on
-    the town of seed 0."""
+    persistent_share: Share = 0.5
+    """Of a frame's variance of height and pitch, what it shares with its neighbours: it does not average out, and small
+    innovations do not make it smaller. Tuned on the synthetic town of seed 5 and `curves` for how often sigma covers
+    the error, judged on the town of seed 0."""
+    persistent_roll_share: Share = 0.7
+    """The same of roll. Physics: bumps come and go with every metre, the crossfall that roll is told from stays."""
     gate: float = 21.0
     """Largest squared Mahalanobis distance of a measurement (3 degrees of freedom): one in ten thousand."""
     gate_height_m: float = 0.04
     """What a body may do between two frames besides, 1 sigma [m], [deg]: a speed hump turns it by a degree and more."""
     gate_angle_deg: float = 0.45
+    hump_share: Share = 0.05
+    """Share of frames beforehand in which the body is as free as that. Tuned on the synthetic town of seed 5 and on
+    `curves`."""
     recovery_frames: int = 2
     """Gated so often in a row, the filter believes that the mount has moved."""
     longest_step_s: float = 1.0

@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 
 from stereocalib_core.back.analyse import analyse
 from stereocalib_core.back.rig.body_filter import RigFilter, plane_covariance, plane_of
+from stereocalib_core.back.rig.road_points import Look
 from stereocalib_core.back.rig.smoothing import measurements
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.frames import FrameSource
-from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
+from stereocalib_core.geometry import DisparityPlane, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import FrameResult, FrameTable
 from stereocalib_core.run.calibrate import follow
@@ -56,7 +57,7 @@ class LinearFilter(RigFilter):
 def run(out: Path, source: str | None = None, progress: Progress | None = None) -> dict[str, Any]:
     """Both methods along a drive; writes filter.json, .md, .png.
 
-    A drive whose extrinsics nobody knows is judged by nothing but its scatter: the figures are null.
+    A drive whose extrinsics nobody knows cannot judge a filter, and is not driven: no figures.
     """
     spec = source or DEFAULT_SOURCE
     frames = open_source(spec)
@@ -64,6 +65,9 @@ def run(out: Path, source: str | None = None, progress: Progress | None = None) 
     report: dict[str, Any] = {}
     in_sigmas: dict[str, Array] = {}
     for number, method in enumerate(METHODS):
+        if not known:
+            report[method] = {"n": 0}
+            continue
         config = PipelineConfig(method=method)  # type: ignore[arg-type]
         results = []
         for step in follow(frames, config):
@@ -86,23 +90,19 @@ def judge(
     results: Sequence[FrameResult], source: FrameSource, config: PipelineConfig
 ) -> tuple[dict[str, Any], dict[str, Array]]:
     """One method along a drive against the truth, and (M, 3) errors over sigma of each series."""
-    table = analyse(results, source.camera, config, source.ground_truth).frames
-    linear = filtered_by(LinearFilter, *measurements(results, source.camera, config), table, source, config)
     truth = source.ground_truth
-    if truth is None or truth.extrinsics is None:
-        return {"n": 0}, {}
+    assert truth is not None and truth.extrinsics is not None
+    table = analyse(results, source.camera, config, truth).frames
+    linear = filtered_by(LinearFilter, measurements(results, source.camera, config), source, config)
     return against(table, linear, truth.extrinsics[: len(results), :3])
 
 
 def filtered_by(
-    kind: type[RigFilter], z: Array, R: Array, table: FrameTable, source: FrameSource, config: PipelineConfig
+    kind: type[RigFilter], looks: Sequence[Sequence[Look]], source: FrameSource, config: PipelineConfig
 ) -> Array:
-    """(N, 3) height, pitch, roll by a filter given (N, 3) and (N, 3, 3), NaN = failed."""
+    """(N, 3) height, pitch, roll by a filter given the looks of each frame, none = failed."""
     rig = kind(source.camera, config.filter, config.vehicle)
-    found = [
-        rig.step(float(t), *((None, None) if np.isnan(row[0]) else (row, covariance))).values
-        for t, row, covariance in zip(table.timestamp_s, z, R, strict=True)
-    ]
+    found = [rig.step(float(t), *seen).values for t, seen in zip(source.timestamps_s, looks, strict=False)]
     return np.array(found).reshape(-1, 3)
 
 
@@ -176,20 +176,17 @@ def rough_planes(source: FrameSource) -> list[dict[str, Any]]:
 
 
 def _rough(truth: Array, source: FrameSource, sigma: Array, seed: int) -> tuple[float, float]:
-    camera, config = source.camera, PipelineConfig()
-    z, R = planes_seen(truth, camera, sigma, seed)
-    errors = []
-    for kind in (RigFilter, LinearFilter):
-        rig = kind(camera, config.filter, config.vehicle)
-        values = [
-            rig.step(float(t), *seen).values for t, *seen in zip(source.timestamps_s, z, R, strict=False)
-        ]
-        errors.append(float(rmse((np.array(values) - truth)[len(truth) // 6 :])[0]))
-    return errors[0], errors[1]
+    config = PipelineConfig()
+    looks = [(look,) for look in planes_seen(truth, source.camera, sigma, seed)]
+    ukf, linear = (
+        float(rmse((filtered_by(kind, looks, source, config) - truth)[len(truth) // 6 :])[0])
+        for kind in (RigFilter, LinearFilter)
+    )
+    return ukf, linear
 
 
-def planes_seen(truth: Array, camera: StereoCamera, sigma: Array, seed: int) -> tuple[Array, Array]:
-    """(N, 3) height, pitch, roll read from planes with normal errors in (A, B, C), and their (N, 3, 3).
+def planes_seen(truth: Array, camera: StereoCamera, sigma: Array, seed: int) -> list[Look]:
+    """N looks: height, pitch, roll read from planes with normal errors in (A, B, C), and their covariance.
 
     truth: (N, 3); sigma: (3,) of height, pitch, roll as the planes' errors make them at the first frame.
     """
@@ -197,13 +194,12 @@ def planes_seen(truth: Array, camera: StereoCamera, sigma: Array, seed: int) -> 
     rng = np.random.default_rng([seed, 12])
     planes = np.array([plane_of(camera, row) for row in truth])
     planes = planes + rng.standard_normal(planes.shape) @ np.linalg.cholesky(noise).T
-    values, covariance = np.empty_like(planes), np.empty((len(planes), 3, 3))
-    for i, plane in enumerate(planes):
+    looks = []
+    for plane in planes:
         e = DisparityPlane(*plane.tolist()).extrinsics(camera)
-        values[i] = e.height_m, e.pitch_rad, e.roll_rad
-        back = np.linalg.inv(Extrinsics(*values[i].tolist()).disparity_plane_jacobian(camera))
-        covariance[i] = back @ noise @ back.T
-    return values, covariance
+        back = np.linalg.inv(e.disparity_plane_jacobian(camera))
+        looks.append(Look(np.array([e.height_m, e.pitch_rad, e.roll_rad]), back @ noise @ back.T))
+    return looks
 
 
 def markdown(name: str, frames: int, report: Mapping[str, Any]) -> str:

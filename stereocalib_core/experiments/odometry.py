@@ -164,21 +164,26 @@ def _verdict(errors: Mapping[str, OdometryErrors], model: str) -> list[str]:
     known = {name: value for name, value in found.items() if value is not None}
     if len(known) < len(found):
         return ["No figures: there is no truth, or more than half of the way is a gap."]
-    # a variant that changes nothing is named beside the one that it equals
     ranked = sorted(known.items(), key=lambda item: item[1])
-    order = " < ".join(f"{name} {value:.2f} %" for name, value in ranked)
+    # what is the same to the last figure shown is no order
+    order, shown = "", ""
+    for name, value in ranked:
+        order += f" {'=' if f'{value:.2f}' == shown else '<'} {name}" if order else name
+        shown = f"{value:.2f}"
+        order += f" {shown} %"
     what = "t_rel" if by_t_rel else "final error (too short for t_rel)"
     ours = known[LABELS["autocalibrated"]]
-    worse = [name for name, value in ranked if value < ours]
-    said = f"By {what}: {order}."
-    if worse:
-        return [f"{said} Here {' and '.join(worse)} beat the autocalibrated path."]
+    said = [f"By {what}: {order}."]
+    better = [name for name, value in ranked if f"{value:.2f}" != f"{ours:.2f}" and value < ours]
+    if better:
+        said.append(f"Here {' and '.join(better)} beat the autocalibrated path.")
     if model == "nonholonomic" and ours > 0:
         heading = [errors[name].final_rotation_deg for name in ("no_yaw", "autocalibrated")]
-        ratio = known[LABELS["no_yaw"]] / ours
-        said += f" Without yaw the error is {ratio:.1f} times as large"
-        said += f" (heading {heading[0]:.2f} against {heading[1]:.2f} deg)." if None not in heading else "."
-    return [said]
+        said.append(f"Without yaw the error is {known[LABELS['no_yaw']] / ours:.1f} times as large")
+        said[-1] += (
+            f" (heading {heading[0]:.2f} against {heading[1]:.2f} deg)." if None not in heading else "."
+        )
+    return [" ".join(said)]
 
 
 def _row(e: OdometryErrors) -> str:

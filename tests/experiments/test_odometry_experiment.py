@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 from stereocalib_core.experiments import odometry
+from stereocalib_core.results import OdometryErrors
 
 
 def judge(out: Path, spec: str, frames: int) -> None:
@@ -38,3 +40,22 @@ def test_table_and_figures_of_a_real_drive(kitti_06: Path, tmp_path: Path) -> No
     planar = json.loads((tmp_path / "odometry.json").read_text())["planar"]
     error = {name: block["final_translation_percent"] for name, block in planar.items()}
     assert error["autocalibrated"] < error["no_roll"] < error["no_pitch_no_roll"]
+
+
+def test_what_is_equal_is_no_order_and_beats_nothing() -> None:
+    errors = {
+        name: OdometryErrors(713.0, t_rel_percent=t_rel, final_rotation_deg=turn)
+        for name, t_rel, turn in (
+            ("autocalibrated", 0.5321, 0.2),
+            ("no_yaw", 0.5319, 0.9),
+            ("no_roll", 0.71, 0.2),
+            ("no_pitch_no_roll", 1.8, 0.2),
+        )
+    }
+    (said,) = odometry._verdict(errors, "planar")
+    assert "no yaw 0.53 % = autocalibrated 0.53 % < no roll 0.71 % < no pitch, no roll 1.80 %" in said
+    assert "beat" not in said
+    errors["no_roll"] = dataclasses.replace(errors["no_roll"], t_rel_percent=0.4)
+    (said,) = odometry._verdict(errors, "nonholonomic")
+    assert "no roll beat the autocalibrated path" in said
+    assert "heading 0.90 against 0.20 deg" in said

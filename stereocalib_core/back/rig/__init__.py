@@ -8,7 +8,7 @@ def warm_up() -> None:
     import numpy as np
 
     from stereocalib_core.back.rig.body_filter import RigFilter
-    from stereocalib_core.back.rig.road_points import fit_surface
+    from stereocalib_core.back.rig.road_points import Look, fit_surface
     from stereocalib_core.back.rig.vanishing_point import vanishing_points
     from stereocalib_core.geometry import StereoCamera
 
@@ -17,7 +17,7 @@ def warm_up() -> None:
     fit_surface(points[:3], np.ones(30), shapes, further, np.array([1e-3, 1e-2]), 0.5, 1e-3, 1.0, 3, 1, 0.3)
     rig = RigFilter(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5))
     for time_s in (0.0, 0.1):
-        rig.step(time_s, np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6]))
+        rig.step(time_s, Look(np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6])))
     one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
     rays = np.ascontiguousarray(np.random.default_rng(0).uniform(0.1, 0.4, (5, 12)))
     vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3, 3)

@@ -8,7 +8,7 @@ normal, and its covariance is the fit's own. In height, pitch and roll they are 
 leans to large heights, and the more so the unsurer the plane and the lower the camera. So the measurement is
 nonlinear in the state, which is what an unscented filter is for.
 
- How lively the body is, and how far the stated covariances can be trusted,
+How lively the body is, and how far the stated covariances can be trusted,
 is learnt on the way (`multiple_model`), so that a well measured drive is followed and a badly measured one is
 smoothed.
 """
@@ -22,6 +22,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from stereocalib_core.back.rig.multiple_model import NoiseBank
+from stereocalib_core.back.rig.road_points import Look, lean_on
 from stereocalib_core.config import FilterConfig, VehicleConfig
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
@@ -136,24 +137,33 @@ class RigFilter:
         self._persistent = np.zeros((3, 3))
         self._prior = (np.eye(_N), np.zeros(_N), np.eye(_N))
 
-    def step(self, timestamp_s: float, z: Array | None, R: Array | None) -> FilterStep:
-        """One frame: z (3,) height [m], pitch, roll [rad] with covariance R (3, 3); None where it failed."""
-        usable = z is not None and R is not None and bool(np.isfinite(z).all() and np.isfinite(R).all())
-        if not usable or z is None or R is None:
-            if self._ukf is None:
+    def step(self, timestamp_s: float, look: Look | None = None, other: Look | None = None) -> FilterStep:
+        """One frame: height [m], pitch, roll [rad] and their covariance; None or NaN where it failed.
+
+        other: a second look of the same frame; where both contradict, the prediction says which is the likelier.
+        """
+        if look is not None and not (np.isfinite(look.values).all() and np.isfinite(look.covariance).all()):
+            look = None
+        ukf = self._ukf
+        if ukf is None:
+            if look is None:
                 nan = np.full((_N, _N), np.nan)
                 return FilterStep(nan[0, :3], nan[:3, :3], "none", nan[0], nan, nan, nan[0], nan, False)
-            self._predict(self._ukf, timestamp_s, None, None)
-            return self._report(self._ukf, "predicted")
-        # What neighbouring frames share is no noise that averages out: set aside here, added in the end.
-        share = self.config.persistent_share
-        persistent, R = share * R, (1.0 - share) * R
-        if self._ukf is None:
-            self._persistent = persistent
-            self._ukf = self._start(timestamp_s, z, R)
+            look = look if other is None else lean_on(look, other, None, self._slack, self.config)
+            self._persistent, R = self._parted(look.covariance)
+            self._ukf = self._start(timestamp_s, look.values, R)
             return self._report(self._ukf, "updated", joined=False)
-        ukf = self._ukf
-        noise = self._predict(ukf, timestamp_s, z, R)
+        dt = min(max(timestamp_s - self._time_s, self.config.shortest_step_s), self.config.longest_step_s)
+        self._time_s = timestamp_s
+        noise = self._predict(ukf, dt)
+        if look is None:
+            self._learn(dt, np.full(3, np.nan), np.ones(3))
+            return self._report(ukf, "predicted")
+        if other is not None:
+            expected = Look(seen(ukf.x), measured_covariance(ukf.P) + self._persistent)
+            look = lean_on(look, other, expected, self._slack, self.config)
+        z, (persistent, R) = look.values, self._parted(look.covariance)
+        self._learn(dt, z, np.diag(R))
         scale = np.outer(noise, noise)
         R = R * scale
         innovation = z - seen(ukf.x)
@@ -171,6 +181,13 @@ class RigFilter:
         ukf.update(self._plane(z), R=self._plane_covariance(z, R))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         return self._report(ukf, "updated", joined)
+
+    def _parted(self, covariance: Array) -> tuple[Array, Array]:
+        """What neighbouring frames share, which is no noise that averages out and is added in the end; and the rest."""
+        c = self.config
+        share = np.array([c.persistent_share, c.persistent_share, c.persistent_roll_share])
+        shared, rest = np.sqrt(share), np.sqrt(1.0 - share)
+        return np.outer(shared, shared) * covariance, np.outer(rest, rest) * covariance
 
     def _surprise(self, ukf: _MatrixUKF, z: Array, R: Array) -> float:
         """Squared Mahalanobis distance of a measured plane from the predicted one, what a body may do included."""
@@ -213,22 +230,14 @@ class RigFilter:
     def _plane_covariance(self, values: Array, covariance: Array) -> Array:
         return plane_covariance(self.camera, values, covariance)
 
-    def _predict(self, ukf: _MatrixUKF, timestamp_s: float, z: Array | None, R: Array | None) -> Array:
-        """Advance the banks and the filter; gives the (3,) factors on the measurement's sigma."""
-        dt = min(max(timestamp_s - self._time_s, self.config.shortest_step_s), self.config.longest_step_s)
-        self._time_s = timestamp_s
+    def _predict(self, ukf: _MatrixUKF, dt: float) -> Array:
+        """Advance the filter; gives the (3,) factors on the measurement's sigma that were learnt so far."""
         F2, Q2 = oscillator(self.vehicle.natural_hz, self.vehicle.damping, dt)
-        F3 = np.eye(3)
-        F3[1:, 1:] = F2
-        forget = math.exp(-dt / self.config.memory_s)
         noise = np.ones(3)
         F, Q = np.eye(_N), np.zeros((_N, _N))
         for k, bank in enumerate(self._banks):
             body, noise[k] = bank.factors()
-            value = float("nan") if z is None else float(z[k])
-            variance = 1.0 if R is None else float(R[k, k])
             rate = float(self._rest_rate[k]) * dt
-            bank.step(F3, rate, Q2 * self._body[k] ** 2, value, variance, forget)
             F[3 + k :: 3, 3 + k :: 3] = F2
             Q[3 + k :: 3, 3 + k :: 3] = Q2 * (body * self._body[k]) ** 2
             # The rest pose moves; the body stays where it is until its springs answer.
@@ -240,6 +249,14 @@ class RigFilter:
         ukf.refresh()
         self._prior = (F, ukf.x.copy(), ukf.P.copy())
         return noise
+
+    def _learn(self, dt: float, z: Array, variance: Array) -> None:
+        """The banks see a frame: (3,) values, NaN = failed, and their variances."""
+        F, forget = np.eye(3), math.exp(-dt / self.config.memory_s)
+        F[1:, 1:], Q2 = oscillator(self.vehicle.natural_hz, self.vehicle.damping, dt)
+        for k, bank in enumerate(self._banks):
+            rate, Q_body = float(self._rest_rate[k]) * dt, Q2 * self._body[k] ** 2
+            bank.step(F, rate, Q_body, float(z[k]), float(variance[k]), forget)
 
     def _reopen(self, ukf: _MatrixUKF, innovation: Array) -> None:
         """Believe that the rest pose has moved by about the innovation."""

@@ -10,18 +10,26 @@ are ten times surer than right. The filter takes a pair's own estimate and these
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
-from stereocalib_core.config import DirectConfig, RoadPointsConfig
+from stereocalib_core.config import DirectConfig, FilterConfig, RoadPointsConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric import bent_square
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.evidence import average_over_sizes
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult
+
+
+class Look(NamedTuple):
+    """values: (3,) height [m], pitch, roll [rad]; covariance: (3, 3)."""
+
+    values: Array
+    covariance: Array
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +139,7 @@ def _plane(
         noise,
         bent_square.bends(across, along) * px_per_m[:, None],
         bent_square.further_bends(across, along) * px_per_m[:, None],
-        np.geomspace(surface.min_bend_m, surface.max_bend_m, surface.bend_sizes),
+        np.geomspace(max(surface.min_bend_m, unseen_m), surface.max_bend_m, surface.bend_sizes),
         surface.bend_reluctance,
         float(np.hypot(surface.further_bend_m, unseen_m)),
         surface.further_per_twist,
@@ -149,23 +157,41 @@ def _plane(
     return np.array([height, pitch, roll]), jacobian @ covariance @ jacobian.T
 
 
-def lean_on(
-    values: Array, covariance: Array, other: Array, other_covariance: Array, config: RoadPointsConfig
-) -> tuple[Array, Array]:
-    """(N, 3) and (N, 3, 3) after the surer look has had its say, axis by axis.
+def lean_on(look: Look, other: Look, expected: Look | None, slack: Array, config: FilterConfig) -> Look:
+    """One look at the road after another look of the same frame has had its say.
 
-    Two looks at one uneven road are wrong alike in part (`correlation`). Where they contradict by more than `gate`
-    sigmas, neither is believed: the value stays and its variance grows by the square of the difference.
+    Two looks at one uneven road are wrong alike in part (`correlation`); axis by axis, the surer counts more. Where
+    they contradict by more than `gate` sigmas, one of them has something else for the road, a kerb or the slope of a
+    hump: each counts as likely as it is by what was expected of the frame, and how far they are apart goes into the
+    covariance. Without an expectation the first look stays, as unsure as that.
+
+    expected: of the filter, before this frame; slack: (3, 3) what a body may do besides, in a hump.
     """
-    p, c = (np.diagonal(m, axis1=1, axis2=2) for m in (covariance, other_covariance))
-    common = config.correlation * np.sqrt(p * c)
+    (values, covariance), (others, other_covariance) = look, other
+    if not np.isfinite(others).all():
+        return look
+    gate, correlation = config.road_points.gate, config.road_points.correlation
+    p, c, difference = np.diag(covariance), np.diag(other_covariance), others - values
+    if (difference**2 > gate**2 * (p + c)).any():
+        apart = np.outer(difference, difference)
+        if expected is None:
+            return Look(values, covariance + np.diag(np.diag(apart)))
+        k = _likelier(look, other, expected, slack, config.hump_share)
+        mean = (1.0 - k) * covariance + k * other_covariance
+        return Look(values + k * difference, mean + k * (1.0 - k) * apart)
+    common = correlation * np.sqrt(p * c)
     share = np.clip((p - common) / (p + c - 2.0 * common), 0.0, 1.0)
-    difference = other - values
-    used = np.isfinite(difference)
-    apart = used & (difference**2 > config.gate**2 * (p + c))
-    k = np.where(used & ~apart, share, 0.0)
-    fused = values + np.where(used, k * difference, 0.0)
-    keep = (1.0 - k)[:, :, None] * (1.0 - k)[:, None, :] * covariance
-    taken = k[:, :, None] * k[:, None, :] * np.where(np.isfinite(other_covariance), other_covariance, 0.0)
-    extra = np.where(used, 2.0 * k * (1.0 - k) * common, 0.0) + np.where(apart, difference**2, 0.0)
-    return fused, keep + taken + extra[:, :, None] * np.eye(3)
+    rest = np.outer(1.0 - share, 1.0 - share) * covariance + np.outer(share, share) * other_covariance
+    return Look(values + share * difference, rest + np.diag(2.0 * share * (1.0 - share) * common))
+
+
+def _likelier(look: Look, other: Look, expected: Look, slack: Array, hump_share: float) -> float:
+    """Probability that the other look is right and not the first, if one of them is."""
+    density = [0.0, 0.0]
+    for free, prior in ((np.zeros((3, 3)), 1.0 - hump_share), (slack, hump_share)):
+        for i, (values, covariance) in enumerate((look, other)):
+            S, off = expected.covariance + covariance + free, values - expected.values
+            density[i] += prior * float(
+                np.exp(-0.5 * off @ np.linalg.solve(S, off)) / np.sqrt(np.linalg.det(S))
+            )
+    return density[1] / max(sum(density), 1e-300)

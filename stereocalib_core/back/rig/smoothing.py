@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from stereocalib_core.back.rig.road_points import lean_on, road_planes
+from stereocalib_core.back.rig.road_points import Look, road_planes
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
@@ -42,9 +42,8 @@ def filter_drive(
     rig = RigFilter(camera, config.filter, config.vehicle)
     steps: list[FilterStep] = []
     persistent: list[Array] = []
-    measured, covariances = measurements(results, camera, config)
-    for result, z, R in zip(results, measured, covariances, strict=True):
-        steps.append(rig.step(result.timestamp_s, z if result.ok else None, R if result.ok else None))
+    for result, looks in zip(results, measurements(results, camera, config), strict=True):
+        steps.append(rig.step(result.timestamp_s, *looks))
         persistent.append(rig.persistent)
     state, bends = tuple(s.state for s in steps), _bends(results)
     values = np.array([s.values for s in steps]).reshape(-1, 3)
@@ -60,17 +59,17 @@ def filter_drive(
 
 def measurements(
     results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
-) -> tuple[Array, Array]:
-    """What the filter is given: (N, 3) height, pitch, roll of each frame and (N, 3, 3), NaN without a road."""
-    values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
-    for i, result in enumerate(results):
-        if result.road is not None:
-            e = result.road.extrinsics
-            values[i], covariance[i] = (e.height_m, e.pitch_rad, e.roll_rad), result.road.covariance
-    if config.method != "paper":
-        return values, covariance
-    points = config.filter.road_points
-    return lean_on(values, covariance, *road_planes(camera, results, points, config.direct), points)
+) -> list[tuple[Look, ...]]:
+    """What the filter is given: the looks at the road of each frame, the pair's own first; none without a road."""
+    looks: list[tuple[Look, ...]] = []
+    for result in results:
+        e = None if result.road is None else result.road.extrinsics
+        values = None if e is None else np.array([e.height_m, e.pitch_rad, e.roll_rad])
+        looks.append(() if values is None or result.road is None else (Look(values, result.road.covariance),))
+    if config.method == "paper":
+        points = zip(*road_planes(camera, results, config.filter.road_points, config.direct), strict=True)
+        looks = [own and (*own, Look(*other)) for own, other in zip(looks, points, strict=True)]
+    return looks
 
 
 def _bends(results: Sequence[FrameResult]) -> Array:

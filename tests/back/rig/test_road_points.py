@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from simulated_tracks import CAMERA, simulate
 
-from stereocalib_core.back.rig.road_points import lean_on, road_planes
+from stereocalib_core.back.rig.road_points import Look, lean_on, road_planes
 from stereocalib_core.back.rig.smoothing import filter_drive
-from stereocalib_core.config import DirectConfig, PipelineConfig, RoadPointsConfig
+from stereocalib_core.config import DirectConfig, FilterConfig, PipelineConfig, RoadPointsConfig
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import FrameResult
 
@@ -58,23 +58,34 @@ def test_few_points_say_nothing() -> None:
     assert np.isnan(road_planes(CAMERA, results, CONFIG, DirectConfig())[0]).all()
 
 
+SLACK = np.diag([0.04, 0.008, 0.008]) ** 2
+WIDE, NARROW = np.diag(np.full(3, 1e-4)), np.diag(np.full(3, 1e-6))
+
+
 def test_the_surer_look_has_its_say() -> None:
-    values, other = np.zeros((4, 3)), np.full((4, 3), 0.01)
-    wide, narrow = np.diag(np.full(3, 1e-4)), np.diag(np.full(3, 1e-6))
-    other[1] = np.nan
-    other[2] = 0.1
-    first = np.array([wide, wide, wide, narrow])
-    second = np.array([narrow, narrow, narrow, wide])
-    fused, covariance = lean_on(values, first, other, second, CONFIG)
-    assert fused[0] == pytest.approx([0.01] * 3, rel=0.1)
-    assert (np.diag(covariance[0]) < 2e-6).all()
-    for row in (1, 3):
-        np.testing.assert_array_equal(fused[row], 0.0)
-        np.testing.assert_array_equal(covariance[row], first[row])
-    # a contradiction: neither is believed
-    np.testing.assert_array_equal(fused[2], 0.0)
-    assert np.diag(covariance[2]) == pytest.approx([0.01 + 1e-4] * 3)
+    look, surer = Look(np.zeros(3), WIDE), Look(np.full(3, 0.01), NARROW)
+    values, covariance = lean_on(look, surer, None, SLACK, FilterConfig())
+    assert values == pytest.approx([0.01] * 3, rel=0.1)
+    assert (np.diag(covariance) < 2e-6).all()
     assert (np.linalg.eigvalsh(covariance) > 0).all()
+    for unsure in (Look(np.full(3, np.nan), WIDE), Look(np.full(3, 0.01), WIDE)):
+        same = lean_on(Look(np.zeros(3), NARROW), unsure, None, SLACK, FilterConfig())
+        np.testing.assert_array_equal(same.values, 0.0)
+        np.testing.assert_array_equal(same.covariance, NARROW)
+
+
+def test_of_two_that_contradict_the_expected_one_is_believed() -> None:
+    look, other = Look(np.zeros(3), WIDE), Look(np.array([0.1, 0.0, 0.0]), NARROW)
+    unknown = lean_on(look, other, None, SLACK, FilterConfig())
+    np.testing.assert_array_equal(unknown.values, 0.0)
+    assert np.diag(unknown.covariance) == pytest.approx([0.01 + 1e-4, 1e-4, 1e-4])
+    for right in (look, other):
+        found = lean_on(look, other, Look(right.values, NARROW), SLACK, FilterConfig())
+        np.testing.assert_allclose(found.values, right.values, atol=0.012)
+        # the doubt that is left is told: a hump might have thrown the body that far
+        assert found.covariance[0, 0] > right.covariance[0, 0]
+    between = lean_on(look, other, Look(np.array([0.05, 0.0, 0.0]), 1e4 * WIDE), SLACK, FilterConfig())
+    assert between.covariance[0, 0] > 0.03**2
 
 
 def rewritten(
