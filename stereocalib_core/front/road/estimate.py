@@ -239,8 +239,12 @@ def finish_road(
     if region is None:
         return notes.end(road, road.failure)
     _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
-    notes.check("region", "share of the way ahead", region.share)
+    least = config.region.least_share_ahead
+    enough = notes.check("region", "share of the way ahead", region.share, low=least)
     notes.check("region", "on the plane", region.planar)
+    if not enough:
+        little = f"road on {region.share:.0%} of the way ahead, needs {least:.0%}"
+        return notes.end(road, Failure(FailureReason.NO_ROAD, little))
     paper = direct = None
     if config.method == "paper" or compare:
         paper = fit_on_region(disparity, region, camera, config.profile)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.config import PipelineConfig, RegionConfig
+from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.car_way import carried_on
 from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.front.road.candidates import Way, likeness
@@ -75,3 +76,12 @@ def test_in_a_tight_turn_between_kerbs_no_frame_is_sure_of_the_pavement(data_dir
         sigma.append(road.sigma)
     assert np.all(np.abs(error).max(axis=0) <= [0.015, *np.deg2rad([0.15, 0.25])])
     assert np.all(np.abs(np.array(error)) < 4.0 * np.array(sigma))
+
+
+def test_a_pavement_beside_a_car_that_hides_the_road_is_none(data_dir: Path) -> None:
+    """The road is 0.1 m below what is left to be seen, which was taken for it with a sigma of 5 mm."""
+    path = data_dir / "kitti_odometry" / "poses" / "07.txt"
+    source = SyntheticSource.from_spec(f"synthetic:?path={path}&seed=8")
+    result = FrontEnd(source.camera, PipelineConfig()).step(source[657])
+    assert result.failure is not None and result.failure.reason == FailureReason.NO_ROAD
+    assert "of the way ahead, needs 8%" in result.failure.detail
