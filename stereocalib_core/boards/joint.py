@@ -38,8 +38,8 @@ class Noise:
 
 @dataclass(frozen=True)
 class JointProblem:
-    """What is measured. corners: (M, N, 2) px; model: (N, 3) m, corners on the board; points: (P, 3) m in the
-    LiDAR frame, those of board 0 first; counts: (M,) points of each board.
+    """What is measured. corners: (M, N, 2) px; corner_sigma: (M,) px, that of each picture; model: (N, 3) m, corners on
+    the board; points: (P, 3) m in the LiDAR frame, those of board 0 first; counts: (M,) points of each board.
 
     plane_sigma: standard deviations of a LiDAR plane as a whole, tilt [rad] and offset [m], beyond its points' noise.
     centres: the outlines' centres, or None where they are not to count.
@@ -47,6 +47,7 @@ class JointProblem:
 
     camera: BoardCamera
     corners: Array
+    corner_sigma: Array
     model: Array
     points: Array
     counts: NDArray[np.int64]
@@ -172,7 +173,7 @@ def cost(problem: JointProblem, state: JointState, free: Free) -> tuple[float, f
     """Half the sum of squares under Huber's loss, priors included, and the corners' rms [px]."""
     with np.errstate(invalid="ignore"):
         error = corner_errors(problem, state)
-        total = _huber(error / problem.noise.corner_px)
+        total = _huber(error / problem.corner_sigma[:, None, None])
         total += _lidar_sums(problem, state)[0]
         total += 0.5 * float(np.sum(state.plane_errors**2 * _plane_precision(problem)))
         if problem.centres is not None:
@@ -188,10 +189,11 @@ def linearise(problem: JointProblem, state: JointState, free: Free) -> NormalEqu
     H_gg, g_g, H_gb, H_bb, g_b = _lidar_equations(problem, state)
     points = _on_boards(problem, state)
     pixels, d_pixels = state.camera.project_with_jacobian(points)
-    error = ((pixels - problem.corners) / problem.noise.corner_px).reshape(boards, -1)
+    sigma = problem.corner_sigma[:, None, None]
+    error = ((pixels - problem.corners) / sigma).reshape(boards, -1)
     weight = _huber_weight(error.reshape(boards, -1, 2)).reshape(boards, -1)
     J_b = np.concatenate([-d_pixels @ skew(points), d_pixels], axis=-1).reshape(boards, -1, 6)
-    J_b = J_b / problem.noise.corner_px
+    J_b = J_b / sigma
     WJ_b = weight[..., None] * J_b
     H_bb[:, :6, :6] += np.swapaxes(J_b, 1, 2) @ WJ_b
     g_b[:, :6] += np.einsum("mrk,mr->mk", WJ_b, error)
@@ -229,7 +231,7 @@ def _shared_columns(
     if free.scale:
         arms = np.einsum("mab,nb->mna", state.T_camera_boards[:, :3, :3], problem.model)
         columns.append(np.einsum("mnij,mnj->mni", d_pixels, arms).reshape(boards, -1, 1))
-    return np.concatenate(columns, axis=-1) / problem.noise.corner_px if columns else None
+    return np.concatenate(columns, axis=-1) / problem.corner_sigma[:, None, None] if columns else None
 
 
 def _lidar_equations(problem: JointProblem, state: JointState) -> tuple[Array, Array, Array, Array, Array]:

@@ -19,11 +19,7 @@ def estimate_noise(observations: Sequence[PairObservation], kappa: float | None 
 
     `kappa` [px/m] replaces the ratio of the two; the corners' sigma stays and the range's follows.
     """
-    corner = [
-        o.corner_rms_px * np.sqrt(len(o.corners) / (2 * len(o.corners) - 6))
-        for o in observations
-        if o.corners is not None
-    ]
+    corner = corner_sigmas(observations)
     spans = []
     for o in observations:
         if o.lidar_plane is not None and len(o.points_lidar):
@@ -32,9 +28,15 @@ def estimate_noise(observations: Sequence[PairObservation], kappa: float | None 
             spans.append(
                 float(np.sqrt(np.mean((o.lidar_plane.plane.signed_distance(o.points_lidar) / slant) ** 2)))
             )
-    corner_px = max(float(np.median(corner)) if corner else 0.0, REFINE.least_corner_sigma_px)
+    corner_px = max(float(np.median(corner)) if len(corner) else 0.0, REFINE.least_corner_sigma_px)
     range_m = max(float(np.median(spans)) if spans else 0.0, REFINE.least_range_sigma_m)
     return Noise(corner_px, range_m if kappa is None else corner_px / kappa)
+
+
+def corner_sigmas(observations: Sequence[PairObservation]) -> Array:
+    """(M,) px, one coordinate of a corner in each picture that shows a board, from how its own board fits it."""
+    seen = [(o.corner_rms_px, len(o.corners)) for o in observations if o.corners is not None]
+    return np.array([rms * np.sqrt(count / (2 * count - 6)) for rms, count in seen])
 
 
 def joint_problem(
@@ -45,13 +47,18 @@ def joint_problem(
     plane_sigma: tuple[float, float] = NO_PLANE_SIGMA,
     centres: Centres | None = None,
 ) -> JointProblem:
-    """The measurements of these pairs for `refine`; very dense boards are thinned evenly."""
+    """The measurements of these pairs for `refine`; very dense boards are thinned evenly.
+
+    Pictures differ: a blurred or a far board's corners count for less, by how much worse its own pose fits them.
+    """
     clouds = [_thinned(o.points_lidar) for o in kept]
     corners = [o.corners for o in kept if o.corners is not None]
     counts = np.array([len(c) for c in clouds], dtype=np.int64)
+    own = np.maximum(corner_sigmas(kept), REFINE.least_corner_sigma_px)
     return JointProblem(
         camera,
         np.array(corners),
+        noise.corner_px * own / np.median(own),
         board.corners_board,
         np.concatenate(clouds),
         counts,

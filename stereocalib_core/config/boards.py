@@ -38,10 +38,10 @@ class RefineConfig:
     """Relative gain below which the iteration ends."""
     most_points: int = 1500
     """Points of one board: more do not help, what is left is common to all of them."""
-    least_corner_sigma_px: float = 0.05
+    least_corner_sigma_px: float = 0.02
     least_range_sigma_m: float = 0.001
-    """No detector is better (Duda & Frese 2018) once its own bias counts, and no LiDAR: what repeats within a picture
-    does not average out."""
+    """No detector is better, not on sharp renderings either, and no LiDAR: what repeats within a picture does not
+    average out."""
     plane_sigma_floor_rad: float = 1e-6
     plane_sigma_floor_m: float = 1e-6
     """A plane whose whole error is thought to be none is held this closely: keeps weights finite."""

@@ -10,6 +10,7 @@ from stereocalib_app.boards.panels import ExportPanel, NudgePanel, PairsPanel, R
 from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture, one_over_the_other
 from stereocalib_app.boards.scene import LidarScene, look_from
 from stereocalib_app.boards.session import COMPARISONS, LidarSession, LidarSnapshot
+from stereocalib_app.server.browser_panel import light_switch
 from stereocalib_app.widgets import canvas
 from stereocalib_app.widgets.page_base import PageBase, set_theme
 from stereocalib_app.widgets.picture import PictureView
@@ -38,7 +39,14 @@ class LidarPage(PageBase):
             self._build_slider()
             self.scene = LidarScene(server, self._board_clicked)
         self._commands()
+        server.on_client_connect(self._greet)
         session.show = self.update
+
+    @staticmethod
+    def _greet(client: viser.ClientHandle) -> None:
+        """What belongs to one browser alone."""
+        with client.gui.add_folder("This browser", expand_by_default=False, order=1e6):
+            light_switch(client.gui)
 
     def _build_views(self) -> None:
         gui = self.gui

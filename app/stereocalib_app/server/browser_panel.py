@@ -21,6 +21,15 @@ class Leading(Protocol):
         """Bring it back to the shared page."""
 
 
+def light_switch(gui: Any) -> None:
+    """A checkbox that makes one browser's page light; `gui` is that client's."""
+    light: Any = gui.add_checkbox("Light theme", False, hint="Only in this browser.")
+
+    @light.on_update
+    def _(_event: Any) -> None:
+        set_theme(gui, dark=not light.value)
+
+
 class BrowserPanel:
     """A folder of the main panel that only this browser has."""
 
@@ -41,7 +50,7 @@ class BrowserPanel:
                 hub.leader == client.client_id,
                 hint="Others follow until they explore on their own.",
             )
-            self._light: Any = gui.add_checkbox("Light theme", False, hint="Only in this browser.")
+            light_switch(gui)
 
         @self._own.on_update
         def _(event: Any) -> None:
@@ -59,7 +68,3 @@ class BrowserPanel:
                 )
                 return
             hub.leader = client.client_id if self._lead.value else None
-
-        @self._light.on_update
-        def _(event: Any) -> None:
-            set_theme(gui, dark=not self._light.value)
