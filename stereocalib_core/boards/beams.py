@@ -13,16 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.boards.joint import (
-    Free,
     JointProblem,
     JointState,
+    NormalEquations,
     beam_columns,
     board_moments,
-    linearise,
     plane_distances,
 )
 from stereocalib_core.boards.planes import tangent_basis
-from stereocalib_core.boards.solve import pseudo_inverse
 from stereocalib_core.config.boards import BEAM
 from stereocalib_core.numeric.arrays import Array
 
@@ -139,17 +137,14 @@ def _rows(
     return used // count, used % count, places, mean(miss)
 
 
-def covariance_of_beams(problem: JointProblem, state: JointState, beams: Beams, free: Free) -> Array:
-    """(6, 6) covariance of the extrinsics' left twist that the beams' own errors add to a solution without them."""
-    system = linearise(problem, state, free)
-    inverse = np.linalg.inv(system.H_bb)
-    pulls = board_moments(problem, state, beams.owner, beams.count)
-    toward = np.zeros((len(system.g_g), beams.count))
+def pull_of_beams(
+    problem: JointProblem, state: JointState, system: NormalEquations, owner: NDArray[np.int64], count: int
+) -> Array:
+    """(G, K) what a unit range error of each beam adds to the right-hand side of the shared numbers."""
+    pulls = board_moments(problem, state, owner, count)
+    toward = np.zeros((len(system.g_g), count))
     toward[:6] = -pulls[:, :6].sum(axis=0)
-    toward -= np.einsum("mgb,mbc,mck->gk", system.H_gb, inverse, pulls)
-    # Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams.
-    moved = pseudo_inverse(system.reduced())[:6] @ toward
-    return np.asarray(beams.variance * moved @ moved.T)
+    return toward - np.einsum("mgb,mbc,mck->gk", system.H_gb, np.linalg.inv(system.H_bb), pulls)
 
 
 def _plane_response(

@@ -21,6 +21,7 @@ from stereocalib_core.boards.observability import (
     Observability,
     edge_on_words,
     is_edge_on,
+    leave_open,
     observability,
 )
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
@@ -30,6 +31,7 @@ from stereocalib_core.boards.rotations import angle_between, rigid
 from stereocalib_core.boards.second_opinion import (
     BoardScale,
     Doubt,
+    Solved,
     covariance_with_doubt,
     second_opinion,
 )
@@ -48,7 +50,7 @@ from stereocalib_core.boards.variance_components import (
     with_scale,
 )
 from stereocalib_core.boards.wrong_pairs import wrong_pairs
-from stereocalib_core.config.boards import BEAM, OBSERVABILITY, REFINE, VARIANCE
+from stereocalib_core.config.boards import BEAM, REFINE, VARIANCE
 from stereocalib_core.config.boards_search import CONSENSUS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
@@ -88,7 +90,7 @@ def calibrate(
     noise = noise or estimate_noise(usable)
     kept, start = _agreeing(usable, board, refused)
     pairs = _plane_pairs(kept)
-    prior = start if _open(pairs) else None
+    prior = start if leave_open(pairs.normals_camera) else None
     # Where the planes leave a direction open, they cannot judge each other: agreement of the centres must do.
     wrong = {} if prior is not None else wrong_pairs(pairs, _dual_space(pairs, None), board.short_side_m)
     refused |= {kept[i].name: reason for i, reason in wrong.items()}
@@ -158,12 +160,6 @@ def _wrong_words(
     )
 
 
-def _open(pairs: PlanePairs) -> bool:
-    """Whether the planes alone leave some direction open."""
-    values = np.linalg.svd(np.vstack([pairs.normals_camera, np.zeros((3, 3))]), compute_uv=False)
-    return bool(len(pairs) < 3 or values[2] < OBSERVABILITY.degenerate * np.sqrt(len(pairs)))
-
-
 def _dual_space(pairs: PlanePairs, prior: Array | None) -> Array:
     return dual_space(
         pairs.normals_camera, pairs.offsets_camera, pairs.normals_lidar, pairs.offsets_lidar, prior
@@ -183,7 +179,7 @@ def _finish(
 ) -> Calibration:
     """Solve, refine and check with the pairs that are left."""
     pairs = _plane_pairs(kept)
-    left_open = _open(pairs)
+    left_open = leave_open(pairs.normals_camera)
     linear = _dual_space(pairs, start if left_open else None)
     doubt: Doubt | None = None
     beams: Beams | None = None
@@ -194,7 +190,6 @@ def _finish(
         refined = refine(problem, JointState(linear, boards, camera), Free(extrinsics=False))
         # What beams and ruler leave open counts here most of all: these boards hardly see a direction.
         beams = _beams_of(kept, board, camera, noise, pairs, linear)
-        covariance = covariance_with_doubt(problem, refined, 1.0, None, beams)
     else:
         problem, refined, scale, beams = _joint(kept, board, camera, noise, linear, with_intrinsics)
         if with_intrinsics:
@@ -208,8 +203,8 @@ def _finish(
     state = refined.state
     uncertain = with_scale(with_plane_errors(pairs, *problem.plane_sigma), state.scale)
     scatter = _scatter(uncertain, state.T_camera_lidar, None if beams is None else beams.shared)
-    if not left_open:
-        covariance = covariance_with_doubt(problem, refined, scatter, doubt, beams)
+    solved = Solved(problem, refined, 1.0 if left_open else scatter, doubt, beams)
+    covariance = covariance_with_doubt(solved)
     verdict = observability(pairs.normals_camera, covariance, edge_on)
     results, plane_rms, corner_rms = pair_results(observations, kept, uncertain, problem, state, refused)
     return Calibration(
@@ -217,8 +212,7 @@ def _finish(
         unnikrishnan_hebert(pairs.normals_camera, pairs.offsets_camera, pairs.normals_lidar, pairs.offsets_lidar),
         points_on_plane([o.points_lidar for o in kept], pairs.normals_camera, pairs.offsets_camera),
         results, verdict, refined.iterations, held_out(uncertain, problem, state), plane_rms, corner_rms,
-        noise, scatter, state.camera, refined.intrinsic_sigma, scale, doubt, problem.plane_sigma,
-        0.0 if beams is None else beams.sigma_m,
+        noise, scatter, state.camera, refined.intrinsic_sigma, scale, doubt, solved,
     )  # fmt: skip
 
 

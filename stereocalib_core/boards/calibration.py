@@ -12,7 +12,7 @@ from stereocalib_core.boards.joint import Noise
 from stereocalib_core.boards.observability import Observability
 from stereocalib_core.boards.refine import Iteration
 from stereocalib_core.boards.rotations import roll_pitch_yaw
-from stereocalib_core.boards.second_opinion import BoardScale, Doubt
+from stereocalib_core.boards.second_opinion import BoardScale, Doubt, Solved
 from stereocalib_core.geometry import invert_transform, ros2_static_transform
 from stereocalib_core.numeric.arrays import Array
 
@@ -62,8 +62,7 @@ class Calibration:
     linear: the dual-space solution before refinement; unnikrishnan_hebert, points_on_plane: the baselines.
     scatter: how much more the planes disagree than their own noise explains; the covariance includes it.
     scale: the boards' size in the LiDAR over the stated one. doubt: what the boards say of a camera that was given.
-    plane_sigma: how far LiDAR planes as a whole are off, tilt [rad] and offset [m], 1 sigma.
-    beam_sigma_m: range errors of the LiDAR's beams, each its own (0: none seen, or no beams).
+    solved: what the covariance rests on; None where nothing could be solved.
     """
 
     T_camera_lidar: Array
@@ -83,8 +82,17 @@ class Calibration:
     intrinsic_sigma: Array | None = None
     scale: BoardScale = field(default_factory=lambda: BoardScale(1.0, float("nan")))
     doubt: Doubt | None = None
-    plane_sigma: tuple[float, float] = (0.0, 0.0)
-    beam_sigma_m: float = 0.0
+    solved: Solved | None = None
+
+    @property
+    def plane_sigma(self) -> tuple[float, float]:
+        """How far LiDAR planes as a whole are off, tilt [rad] and offset [m], 1 sigma."""
+        return (0.0, 0.0) if self.solved is None else self.solved.problem.plane_sigma
+
+    @property
+    def beam_sigma_m(self) -> float:
+        """Range errors of the LiDAR's beams, each its own; 0: none seen, or no beams."""
+        return 0.0 if self.solved is None or self.solved.beams is None else self.solved.beams.sigma_m
 
     @property
     def verdict(self) -> str:

@@ -1,25 +1,26 @@
 """Which board to hold up next: the pose that would shrink the worst sigma most, from the covariance there is.
 
-A grid of poses that both sensors can see is tried; each would add the information of one more plane, as noisy as
-the planes of this set are.
+A grid of poses that both sensors can see is tried, and finer steps about the best: each is measured as the sensors of
+this set would measure it, and the covariance of the set with it is the one that would be printed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stereocalib_core.boards.beams import beams_of
 from stereocalib_core.boards.calibration import Calibration
-from stereocalib_core.boards.chessboard import corner_residuals, plane_of_board
-from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
+from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.centres import Centres
+from stereocalib_core.boards.imagined_board import Scan, imagined, information_with
+from stereocalib_core.boards.observability import leave_open
+from stereocalib_core.boards.observation import BoardSpec, PairObservation
 from stereocalib_core.boards.rotations import rotation_from_vector
-from stereocalib_core.boards.solve import PlanePairs, mismatch, mismatch_covariance, split_jacobian
-from stereocalib_core.boards.variance_components import with_plane_errors
+from stereocalib_core.boards.second_opinion import Solved, covariance_with_doubt
 from stereocalib_core.config.boards import NEXT_POSE, OBSERVABILITY
-from stereocalib_core.geometry import Plane, invert_transform, transform
+from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.numeric.arrays import Array
 
 LIMITS = np.array([OBSERVABILITY.poor_rad] * 3 + [OBSERVABILITY.poor_m] * 3)
@@ -82,78 +83,80 @@ def next_pose(
     observations: Sequence[PairObservation], result: Calibration, board: BoardSpec
 ) -> NextPose | None:
     """The pose to add, or None where nothing was solved or no pose fits into the picture."""
-    ok = {p.name for p in result.pairs if p.ok}
-    kept = [
-        o for o in observations if o.name in ok and o.camera_plane is not None and o.lidar_plane is not None
-    ]
-    if not kept or not np.isfinite(result.covariance).all():
+    solved = result.solved
+    if solved is None or not np.isfinite(result.covariance).all():
         return None
-    J = split_jacobian(result.T_camera_lidar)
-    information = np.linalg.pinv(result.covariance, hermitian=True)
-    spread = _lidar_spread(kept)
-    band, rows = _elevations(kept), _rows_at_one_metre(kept)
-    best: tuple[float, Array, Array] | None = None
-    for T in _poses(kept, result, board):
-        seen = _as_seen(T, result, board, spread, band)
-        if seen is None:
-            continue
-        whole = _plane_sigma(result, board, rows / float(np.linalg.norm(T[:3, 3])))
-        pair = with_plane_errors(PlanePairs.of([seen[0]], [seen[1]]), *whole)
-        z, D = mismatch(pair, result.T_camera_lidar)
-        D = D[0] @ np.linalg.inv(J)
-        added = D.T @ np.linalg.solve(mismatch_covariance(pair, result.T_camera_lidar)[0], D)
-        sigma = np.sqrt(np.diag(np.linalg.inv(information + added)))
-        score = float(np.max(sigma / LIMITS)) + NEXT_POSE.rest_weight * float(np.sum(sigma / LIMITS))
-        if best is None or score < best[0]:
-            best = score, T, sigma
-    if best is None:
+    look = _Search(observations, result, solved, board)
+    tried = [(look.score(T), T) for T in _poses(solved, board)]
+    seen = [(score[0], score[1], T) for score, T in tried if score is not None]
+    if not seen:
         return None
-    _, T, after = best
+    best = min(seen, key=lambda each: each[0])
+    for step in NEXT_POSE.finer:
+        for T in _near(best[2], step):
+            if _in_picture(T, result.camera, board) and (finer := look.score(T)) is not None:
+                best = min(best, (*finer, T), key=lambda each: each[0])
+    _, after, T = best
     before = np.concatenate([result.sigma_rotation_rad, result.sigma_translation_m])
+    camera = result.camera
     tilt = float(np.arccos(np.clip(abs(T[2, 2]), 0.0, 1.0)))
-    camera = result.camera
-    place = camera.project(T[:3, 3])
     distance = float(np.linalg.norm(T[:3, 3]))
-    return NextPose(T, distance, tilt, place, (camera.width, camera.height), before, after)
+    return NextPose(T, distance, tilt, camera.project(T[:3, 3]), (camera.width, camera.height), before, after)
 
 
-def _plane_sigma(result: Calibration, board: BoardSpec, rows: float) -> tuple[float, float]:
-    """Tilt [rad] and offset [m] of a new board's whole plane, 1 sigma, when so many rows of a LiDAR meet it.
+class _Search:
+    """Scores poses for one set."""
 
-    It is trusted no better than a common one, even where this set shows no error of whole planes; each row brings its
-    beam's own range error, which K rows evenly over a height h turn into a slope of sqrt(12 / K) / h and a mean of
-    1 / sqrt(K) times as much.
-    """
-    tilt, offset = result.plane_sigma
-    rows = max(rows, NEXT_POSE.least_rows)
-    by_beams = result.beam_sigma_m / np.sqrt(rows)
-    tilt = max(tilt, NEXT_POSE.least_tilt_rad)
-    return (
-        float(np.hypot(tilt, np.sqrt(12.0) * by_beams / board.short_side_m)),
-        float(np.hypot(max(offset, NEXT_POSE.least_offset_m), by_beams)),
-    )
+    def __init__(
+        self, observations: Sequence[PairObservation], result: Calibration, solved: Solved, board: BoardSpec
+    ) -> None:
+        ok = {p.name for p in result.pairs if p.ok}
+        kept = [o for o in observations if o.name in ok]
+        self._solved, self._board, self._scan = solved, board, Scan.of(solved)
+        state = solved.refined.state
+        self._normals = state.T_camera_boards[:, :3, 2]
+        self._T, self._scale = state.T_camera_lidar, state.scale
+        self._centres = solved.problem.centres or Centres.of(kept, self._T, self._scale)
+        self._told = (
+            np.zeros((7, 7))
+            if solved.problem.centres is None
+            else self._centres.equations(self._T, self._scale)[0]
+        )
+
+    def score(self, T_camera_board: Array) -> tuple[float, Array] | None:
+        """How large the sigmas would be, the worst above all, and the (6,) sigmas; None for a board not seen."""
+        added = imagined(T_camera_board, self._solved, self._board, self._scan)
+        if added is None:
+            return None
+        information = information_with(self._solved, added, self._scan)
+        own = information.own.copy()
+        normals = np.vstack([self._normals, T_camera_board[:3, 2]])
+        if not leave_open(normals):
+            places = np.append(np.arange(6), -1)
+            own[np.ix_(places, places)] += self._with_centre(T_camera_board) - self._told
+        covariance = covariance_with_doubt(self._solved, replace(information, own=own))
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return float(np.max(sigma / LIMITS) + NEXT_POSE.rest_weight * np.sum(sigma / LIMITS)), sigma
+
+    def _with_centre(self, T_camera_board: Array) -> Array:
+        """(7, 7) information of all outlines' centres, the new one's among them."""
+        T_lidar = invert_transform(self._T) @ T_camera_board
+        c = self._centres
+        grown = replace(
+            c,
+            lidar=np.vstack([c.lidar, T_lidar[:3, 3]]),
+            camera=np.vstack([c.camera, T_camera_board[:3, 3] / self._scale]),
+            axes=np.concatenate([c.axes, T_camera_board[None, :3, :2].swapaxes(1, 2)]),
+        )
+        return grown.equations(self._T, self._scale)[0]
 
 
-def _rows_at_one_metre(kept: Sequence[PairObservation]) -> float:
-    """How many rows would meet a board 1 m away; many, for a LiDAR whose points lie in none."""
-    points = np.concatenate([o.points_lidar for o in kept])
-    owner = beams_of(points / np.linalg.norm(points, axis=1, keepdims=True)) if len(points) else None
-    if owner is None:
-        return float(len(points))
-    ends = np.cumsum([len(o.points_lidar) for o in kept])[:-1]
-    rows = [
-        len(np.unique(own)) * float(np.linalg.norm(o.lidar_plane.center))
-        for o, own in zip(kept, np.split(owner, ends), strict=True)
-        if o.lidar_plane is not None
-    ]
-    return float(np.median(rows))
-
-
-def _poses(kept: Sequence[PairObservation], result: Calibration, board: BoardSpec) -> Iterator[Array]:
+def _poses(solved: Solved, board: BoardSpec) -> Iterator[Array]:
     """T_camera_board over places, distances and tilts, the whole board in the picture."""
-    camera = result.camera
-    far = np.array([np.linalg.norm(o.camera_plane.center) for o in kept if o.camera_plane is not None])
-    distances = np.unique(np.round([far.min(), float(np.median(far)), far.max()], 2))
+    camera = solved.refined.state.camera
+    far = np.linalg.norm(solved.refined.state.T_camera_boards[:, :3, 3], axis=1)
+    nearest = max(NEXT_POSE.nearest_m, NEXT_POSE.nearest_share * float(far.min()))
+    distances = np.geomspace(nearest, max(float(far.max()), nearest), NEXT_POSE.distances)
     shares = np.array([[u, v] for v in NEXT_POSE.places for u in NEXT_POSE.places])
     rays = camera.normalise(shares * [camera.width - 1, camera.height - 1])
     for ray in rays:
@@ -164,55 +167,22 @@ def _poses(kept: Sequence[PairObservation], result: Calibration, board: BoardSpe
                 for around in np.arange(directions) * 2 * np.pi / NEXT_POSE.directions:
                     axis = tilt * np.array([np.cos(around), np.sin(around), 0.0])
                     T = transform(rotation_from_vector(axis), distance * direction)
-                    outline = camera.project(board.outline_board @ T[:3, :3].T + T[:3, 3])
-                    margin = NEXT_POSE.margin_share * camera.width
-                    inside = (outline > margin) & (outline < np.array([camera.width, camera.height]) - margin)
-                    if inside.all():
+                    if _in_picture(T, camera, board):
                         yield T
 
 
-def _as_seen(
-    T: Array, result: Calibration, board: BoardSpec, spread: Array, band: tuple[float, float]
-) -> tuple[PlaneEstimate, PlaneEstimate] | None:
-    """Both sensors' planes of a board that stands at T; None when one of them would see it too flat or not at all."""
-    T_lidar = invert_transform(result.T_camera_lidar) @ T
-    center, normal = T_lidar[:3, 3], T_lidar[:3, 2]
-    reach = float(np.linalg.norm(center))
-    offset = float(normal @ center)
-    if abs(offset) < NEXT_POSE.least_incidence * reach or abs(
-        T[:3, 2] @ T[:3, 3]
-    ) < NEXT_POSE.least_incidence * (np.linalg.norm(T[:3, 3])):
-        return None
-    if not band[0] <= np.arcsin(center[2] / reach) <= band[1]:
-        return None
-    camera = result.camera
-    corners = camera.project(board.corners_board @ T[:3, :3].T + T[:3, 3])
-    _, J = corner_residuals(camera, corners, board.corners_board, T)
-    covariance = np.linalg.inv(J.T @ J) * result.noise.corner_px**2
-    if offset < 0:
-        normal, offset = -normal, -offset
-    lidar = PlaneEstimate(Plane(normal, offset), center, np.zeros((4, 4)))
-    tilt, shift = spread * reach
-    noisy = with_plane_errors(PlanePairs.of([lidar], [lidar]), tilt, shift).covariances_lidar[0]
-    return plane_of_board(T, np.asarray(covariance)), PlaneEstimate(Plane(normal, offset), center, noisy)
+def _near(T: Array, step: float) -> Iterator[Array]:
+    """Poses a share of the distance nearer, farther and to the sides; the tilt stays."""
+    distance = float(np.linalg.norm(T[:3, 3]))
+    way = T[:3, 3] / distance
+    for shift in (way, -way, *np.eye(3)[:2], *-np.eye(3)[:2]):
+        place = T[:3, 3] + step * distance * shift
+        if np.linalg.norm(place) >= NEXT_POSE.nearest_m:
+            yield transform(T[:3, :3], place)
 
 
-def _lidar_spread(kept: Sequence[PairObservation]) -> Array:
-    """(2,) tilt [rad/m] and offset [m/m] sigmas of the points' own noise, over the distance: rings get fewer."""
-    rows = []
-    for o in kept:
-        plane = o.lidar_plane
-        assert plane is not None
-        distance = float(np.linalg.norm(plane.center))
-        tilt = np.sqrt(np.trace(plane.covariance[:3, :3]) / 2)
-        # d at the board's centre: what is left of the offset when the tilt turns about it.
-        at = np.append(-plane.center, 1.0)
-        rows.append([tilt / distance, np.sqrt(max(float(at @ plane.covariance @ at), 0.0)) / distance])
-    return np.asarray(np.median(rows, axis=0))
-
-
-def _elevations(kept: Sequence[PairObservation]) -> tuple[float, float]:
-    """Elevations of board centres that this LiDAR is known to see [rad]."""
-    seen = [o.lidar_plane.center for o in kept if o.lidar_plane is not None]
-    angles = [float(np.arcsin(c[2] / np.linalg.norm(c))) for c in seen]
-    return min(angles) - NEXT_POSE.beyond_rad, max(angles) + NEXT_POSE.beyond_rad
+def _in_picture(T: Array, camera: BoardCamera, board: BoardSpec) -> bool:
+    """Whether all of the board is in the picture, with some margin."""
+    outline = camera.project(board.outline_board @ T[:3, :3].T + T[:3, 3])
+    margin = NEXT_POSE.margin_share * camera.width
+    return bool(((outline > margin) & (outline < np.array([camera.width, camera.height]) - margin)).all())

@@ -68,6 +68,12 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
     return _by_sigma(values, covariance, missing, advice, count)
 
 
+def leave_open(normals: Array) -> bool:
+    """Whether planes with these (M, 3) normals alone leave some direction open."""
+    values = np.linalg.svd(np.vstack([normals, np.zeros((3, 3))]), compute_uv=False)
+    return bool(len(normals) < 3 or values[2] < OBSERVABILITY.degenerate * np.sqrt(len(normals)))
+
+
 def _by_sigma(values: Array, covariance: Array, missing: Array, advice: str, count: int) -> Observability:
     turn, turn_axis = _worst(covariance[:3, :3])
     shift, shift_axis = _worst(covariance[3:, 3:])

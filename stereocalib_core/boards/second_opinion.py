@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from stereocalib_core.boards.beams import Beams, covariance_of_beams
+from stereocalib_core.boards.beams import Beams, pull_of_beams
 from stereocalib_core.boards.camera import BoardCamera
-from stereocalib_core.boards.joint import Free, JointProblem, linearise
+from stereocalib_core.boards.joint import Free, JointProblem, JointState, linearise
 from stereocalib_core.boards.refine import Refined, refine
 from stereocalib_core.boards.rotations import rotation_vector
 from stereocalib_core.boards.solve import covariance_of, pseudo_inverse, split_covariance
@@ -76,29 +78,80 @@ def second_opinion(problem: JointProblem, held: Refined) -> Doubt | None:
     return Doubt(freed.state.camera, freed.intrinsic_sigma, freed.state.scale, chi / len(step), beyond, moved)
 
 
-def covariance_with_doubt(
-    problem: JointProblem, held: Refined, scatter: float, doubt: Doubt | None, beams: Beams | None
-) -> Array:
+@dataclass(frozen=True)
+class Solved:
+    """What a covariance rests on: the problem, its solution, how much more the planes scatter than they should, the
+    boards' second opinion of the camera, and the LiDAR's beams."""
+
+    problem: JointProblem
+    refined: Refined
+    scatter: float
+    doubt: Doubt | None
+    beams: Beams | None
+
+    @property
+    def free(self) -> Free:
+        """All that is uncertain, the ruler too, whether or not the scale was free."""
+        held = self.refined.free
+        return Free(True, held.intrinsics, True, _ruler(self.refined))
+
+    @cached_property
+    def information(self) -> Information:
+        """What the boards of the problem say."""
+        owner = None if self.beams is None else self.beams.owner
+        count = 0 if self.beams is None else self.beams.count
+        return Information.of(self.problem, self.refined.state, self.free, owner, count)
+
+
+@dataclass(frozen=True)
+class Information:
+    """own: (G, G) of extrinsics, intrinsics if free, scale. by_beams: (G, K) what a beam's error adds to the pull."""
+
+    own: Array
+    by_beams: Array
+
+    @classmethod
+    def of(
+        cls,
+        problem: JointProblem,
+        state: JointState,
+        free: Free,
+        owner: NDArray[np.int64] | None,
+        beams: int,
+    ) -> Information:
+        """The boards of a problem, `owner` (P,) being the beam of each point."""
+        system = linearise(problem, state, free)
+        pull = np.zeros((len(system.g_g), 0))
+        if owner is not None:
+            pull = pull_of_beams(problem, state, system, owner, beams)
+        return cls(system.reduced(), pull)
+
+
+def covariance_with_doubt(solved: Solved, information: Information | None = None) -> Array:
     """(6, 6) of the rotation vector about the camera's axes [rad] and of the translation [m].
 
-    The ruler's own uncertainty is in it whether or not the scale was free.
+    The ruler's own uncertainty is in it whether or not the scale was free. `information`: that of other boards than
+    the solved ones.
     """
-    free = Free(True, held.free.intrinsics, True, _ruler(held))
-    information = linearise(problem, held.state, free).reduced()
+    held, scatter = solved.refined, solved.scatter
+    asked = solved.information if information is None else information
+    own = asked.own
     if held.free.scale:
-        whole = covariance_of(information)
+        whole = covariance_of(own)
         # What the ruler knows is its own: a scatter of the boards makes it no worse.
         by_ruler = whole[:6, -1] / held.free.scale_sigma
         covariance = scatter * whole[:6, :6] + (1.0 - scatter) * np.outer(by_ruler, by_ruler)
     else:
         # T is for the stated size, whatever the data say of it: the ruler's error moves it in full.
-        known = covariance_of(information[:-1, :-1])
-        moved_by = pseudo_inverse(information[:-1, :-1])[:6] @ information[:-1, -1] * VARIANCE.scale_sigma
+        known = covariance_of(own[:-1, :-1])
+        moved_by = pseudo_inverse(own[:-1, :-1])[:6] @ own[:-1, -1] * VARIANCE.scale_sigma
         covariance = scatter * known[:6, :6] + np.outer(moved_by, moved_by)
-    if beams is not None:
-        covariance = covariance + covariance_of_beams(problem, held.state, beams, free)
+    if solved.beams is not None:
+        # Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams.
+        by_beams = pseudo_inverse(own)[:6] @ asked.by_beams
+        covariance = covariance + solved.beams.variance * by_beams @ by_beams.T
     covariance = split_covariance(covariance, held.state.T_camera_lidar)
-    return covariance if doubt is None else covariance + doubt.moved
+    return covariance if solved.doubt is None else covariance + solved.doubt.moved
 
 
 def _ruler(held: Refined) -> float:

@@ -101,15 +101,25 @@ class NextPoseConfig:
     tilts_rad: tuple[float, ...] = (0.0, math.radians(20.0), math.radians(40.0))
     """Beyond 40 degrees corners get hard to find (Atcheson et al. 2010, figure 5)."""
     directions: int = 8
+    distances: int = 5
+    nearest_share: float = 0.45
+    nearest_m: float = 1.2
+    """From half as near as the nearest board of the set, or where spinning LiDARs begin to see, to its farthest."""
+    finer: tuple[float, ...] = (0.12, 0.12, 0.06)
+    """Shares of the distance by which the best pose of the grid is moved in turn."""
     margin_share: float = 0.01
     least_incidence: float = 0.4
     """Cosine: flatter boards show too few rings and blurred corners."""
     beyond_rad: float = math.radians(4.0)
     """How far above and below the boards of this set a LiDAR is thought to see: two rings of the sparsest."""
+    least_scanned: float = 0.75
+    """Share of a board's height that rows must cover: its outline is found from 0.6 on."""
     least_tilt_rad: float = math.radians(0.1)
     least_offset_m: float = 0.001
-    least_rows: float = 2.0
-    """Two rows are the fewest that show a tilt at all."""
+    least_rows: int = 4
+    """Three tell a plane, the fourth whether it is one."""
+    imagined_points: int = 120
+    """Points that stand for all on a board that is only imagined: time."""
     rest_weight: float = 0.02
     """Of the other sigmas in the choice: it decides between poses that mend the worst one alike."""
 

@@ -56,11 +56,8 @@ def weak_poses(rng: np.random.Generator) -> list[Array]:
 
 
 def test_the_pose_that_is_asked_for_halves_the_worst_sigma(tmp_path: Path) -> None:
-    """Rendered as it was asked for, seen by both sensors, and solved with the rest.
-
-    By a LiDAR whose beams agree: what they have in common on all boards no single board can mend.
-    """
-    poses, settings = weak_poses(np.random.default_rng(3)), SynthSettings(seed=3, beam_sigma_m=0.002)
+    """Rendered as it was asked for, seen by both sensors, and solved with the rest."""
+    poses, settings = weak_poses(np.random.default_rng(3)), SynthSettings(seed=3)
     write_set(tmp_path / "five", settings, poses=poses)
     five = detect(open_folder(tmp_path / "five"))
     before = calibrate(five.observations, five.board, five.camera)
@@ -75,5 +72,5 @@ def test_the_pose_that_is_asked_for_halves_the_worst_sigma(tmp_path: Path) -> No
     sigma = np.sqrt(after.covariance[worst, worst])
     assert sigma < 0.5 * np.sqrt(before.covariance[worst, worst])
     # What was promised is what came of it.
-    assert sigma == pytest.approx(asked.sigma_after[worst], rel=0.5)
+    assert sigma == pytest.approx(asked.sigma_after[worst], rel=0.4)
     assert np.all(np.abs(error_of(after)) < 4.0 * np.sqrt(np.diag(after.covariance)))
