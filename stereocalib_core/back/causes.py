@@ -2,7 +2,8 @@
 
 Light makes texture, texture makes matches, matches make the road. So of the numbers that left the usual by far, those
 nearest to the light tell the cause, and the later ones are what came of it; among numbers of one step, the one that
-moved by the most robust sigmas leads. Where none of them left the usual, the reason speaks for itself.
+moved by the most robust sigmas leads. Where none of them left the usual, the reason speaks for itself; where hardly a
+frame is good, there is no usual, and a number that all but misses its limit tells.
 """
 
 from __future__ import annotations
@@ -184,10 +185,35 @@ def _cause(
         words = f"{leading.quantity.cause}: {', '.join(c.words for c in told)}"
         return Cause(span.first, span.last, span.reason, words, leading.quantity.remedy)
     cause, remedy = REMEDIES[reason]
+    if reason in SEEN and sum(r.ok for r in results) < config.least_frames:
+        poor = _near_its_limit(span, results, config)
+        if poor is not None:
+            return Cause(span.first, span.last, span.reason, *poor)
     details = next((r.failure.detail for r in results if r.frame == span.first and r.failure is not None), "")
     moved = [c.words for c in found if c.sigmas >= config.sigmas] if reason in SEEN else []
     numbers = "; ".join(part for part in (details, ", ".join(moved[: config.named])) if part)
     return Cause(span.first, span.last, span.reason, f"{cause} ({numbers})" if numbers else cause, remedy)
+
+
+def _near_its_limit(
+    span: Span, results: Sequence[FrameResult], config: CausesConfig
+) -> tuple[str, str] | None:
+    """Cause and remedy by the first number that all but misses its own limit, where no good frame tells the usual."""
+    inside = [r for r in results if span.first <= r.frame <= span.last]
+    for quantity in QUANTITIES:
+        if quantity.cause is None or quantity.remedy is None:
+            continue
+        name = (quantity.stage, quantity.name)
+        checks = [c for r in inside for c in r.checks if (c.stage, c.name) == name]
+        limits = [limit for c in checks if (limit := c.low if quantity.bad < 0 else c.high) is not None]
+        if not limits:
+            continue
+        value, limit = float(np.median([c.value for c in checks])), float(np.median(limits))
+        near = value <= config.factor * limit if quantity.bad < 0 else value * config.factor >= limit
+        if near:
+            words = f"{quantity.name} {value:.3g}, where {limit:.3g} is the {'least' if quantity.bad < 0 else 'most'}"
+            return f"{quantity.cause} ({words})", quantity.remedy
+    return None
 
 
 def _values(results: Sequence[FrameResult]) -> Array:

@@ -143,3 +143,18 @@ def test_of_a_rendered_drive(tmp_path: Path) -> None:
     assert (dark.first, dark.last, dropped.first, dropped.reason) == (8, 9, 12, "MISSING_PAIR")
     assert dark.cause.startswith("too dark: grey 1")
     assert "matches instead of" in dark.cause
+
+
+def test_where_no_frame_is_good_a_number_near_its_limit_tells() -> None:
+    def poor(number: int, texture: float) -> FrameResult:
+        checks = (Check("image", "mean grey", 140.0, low=10.0), Check("image", "texture", texture, low=0.8))
+        return FrameResult(number, 0.1 * number, None, Failure(NO_ROAD, "so and so"), checks=checks)
+
+    (fog,) = find_causes([poor(i, 0.9) for i in range(12)])
+    assert (
+        fog.cause.startswith("the picture has lost its texture: fog")
+        and "0.9, where 0.8 is the least" in fog.cause
+    )
+    assert "clean the lens" in fog.remedy
+    (blocked,) = find_causes([poor(i, 4.0) for i in range(12)])
+    assert blocked.cause.startswith(REMEDIES[NO_ROAD][0])
