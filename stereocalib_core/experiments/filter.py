@@ -250,11 +250,12 @@ def _three(row: Mapping[str, float | None], spec: str) -> str:
 
 def verdict(method: str, block: Mapping[str, Any]) -> str:
     """What the filter gains, and whether its sigma may be believed."""
-    worst = max(block["filtered"]["ratio"].values())
-    gain = "no axis is worse" if worst <= 1.0 else "one axis is worse"
+    ratios = block["filtered"]["ratio"]
+    worse = [axis.split("_")[0] for axis in AXES if ratios[axis] > 1.0]
+    gain = f"{' and '.join(worse)} worse" if worse else "nothing worse"
     twice = min(v for name in ("filtered", "smoothed") for v in block[name]["within_2_sigma"].values())
     return (
-        f"By the filter {gain} than single pairs (largest ratio {worst:.2f}). At least {twice:.0%} of the errors of "
+        f"The filter makes {gain} than in single pairs (largest ratio {max(ratios.values()):.2f}). At least {twice:.0%} of the errors of "
         "filter and smoother are within two sigma on every axis (95 % were they normal)."
     )
 

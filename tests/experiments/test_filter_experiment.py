@@ -41,6 +41,15 @@ def test_a_drive_without_known_extrinsics_is_not_judged() -> None:
     assert "not known" in text
 
 
+def test_the_verdict_names_every_axis_that_is_worse() -> None:
+    sure = {"within_2_sigma": dict.fromkeys(experiment.AXES, 0.93)}
+    for height, pitch, said in ((1.01, 1.02, "height and pitch worse"), (0.9, 0.9, "nothing worse")):
+        ratio = dict(zip(experiment.AXES, (height, pitch, 0.8), strict=True))
+        block = {"filtered": {"ratio": ratio, **sure}, "smoothed": sure}
+        text = experiment.verdict("direct", block)
+        assert said in text and f"{max(height, pitch):.2f}" in text and "93%" in text
+
+
 def test_figures_are_their_definition() -> None:
     """Errors of one and of three sigma in turn; a frame without a measurement is nobody's."""
     truth = np.tile([1.65, 0.01, -0.01], (40, 1))
