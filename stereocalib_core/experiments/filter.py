@@ -110,6 +110,8 @@ def against(table: FrameTable, linear: Array, truth: Array) -> tuple[dict[str, A
     """Errors of every series against (N, 3) truth, on frames that single pair, filter and smoother have all seen."""
     same = np.isfinite(np.hstack([table.values, table.filtered, table.smoothed, linear])).all(axis=1)
     same &= np.array([state == "updated" for state in table.filter_state])
+    if not same.any():
+        return {"n": 0}, {}
     raw = rmse((table.values - truth)[same])
     block: dict[str, Any] = {"n": int(same.sum()), "raw": {"rmse": _row(raw)}}
     block["raw"] |= covered((table.values - truth)[same], table.sigma[same])
@@ -211,8 +213,11 @@ def markdown(name: str, frames: int, report: Mapping[str, Any]) -> str:
             + "\n"
         )
     for method in METHODS:
-        lines += [f"## Method `{method}`, {report[method]['n']} frames", "", *_table(report[method]), ""]
-        lines += [verdict(method, report[method]), ""]
+        lines += [f"## Method `{method}`, {report[method]['n']} frames", ""]
+        if report[method]["n"] == 0:
+            lines += ["No frame showed its road: nothing to judge the filter by.", ""]
+            continue
+        lines += [*_table(report[method]), "", verdict(method, report[method]), ""]
     lines += [
         "## What the U is for",
         "",
@@ -255,8 +260,8 @@ def verdict(method: str, block: Mapping[str, Any]) -> str:
     gain = f"{' and '.join(worse)} worse" if worse else "nothing worse"
     twice = min(v for name in ("filtered", "smoothed") for v in block[name]["within_2_sigma"].values())
     return (
-        f"The filter makes {gain} than in single pairs (largest ratio {max(ratios.values()):.2f}). At least {twice:.0%} of the errors of "
-        "filter and smoother are within two sigma on every axis (95 % were they normal)."
+        f"The filter makes {gain} than in single pairs (largest ratio {max(ratios.values()):.2f}). At least "
+        f"{twice:.0%} of the errors of filter and smoother are within two sigma on every axis (95 % were they normal)."
     )
 
 
@@ -264,6 +269,8 @@ def linear_verdict(report: Mapping[str, Any]) -> str:
     """Where a linear filter is worse, on the drive itself and on planes of known noise."""
     said = []
     for method in METHODS:
+        if report[method]["n"] == 0:
+            continue
         linear = report[method]["linear"]
         apart = _three(linear["most_apart"], ".4f")
         said.append(f"On the drive, `{method}`: the two differ by at most {apart} (m / deg / deg)")

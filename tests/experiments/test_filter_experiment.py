@@ -41,6 +41,15 @@ def test_a_drive_without_known_extrinsics_is_not_judged() -> None:
     assert "not known" in text
 
 
+def test_a_drive_without_a_road_is_not_judged() -> None:
+    results = [FrameResult(i, 0.1 * i, None) for i in range(4)]
+    nan = FilteredExtrinsics(np.full((4, 3), np.nan), np.full((4, 3, 3), np.nan), ("none",) * 4)
+    block, scores = experiment.against(FrameTable.of(results, nan, nan), nan.values, np.ones((4, 3)))
+    assert (block, scores) == ({"n": 0}, {})
+    text = experiment.markdown("somewhere", 4, {"paper": block, "direct": block, "planes_of_known_noise": []})
+    assert text.count("No frame showed its road") == 2
+
+
 def test_the_verdict_names_every_axis_that_is_worse() -> None:
     sure = {"within_2_sigma": dict.fromkeys(experiment.AXES, 0.93)}
     for height, pitch, said in ((1.01, 1.02, "height and pitch worse"), (0.9, 0.9, "nothing worse")):
