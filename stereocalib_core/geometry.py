@@ -203,7 +203,7 @@ class DisparityPlane:
         return Extrinsics(float(height), float(pitch), float(roll), yaw_rad)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Extrinsics:
     """How the left camera stands over the road: height [m], pitch, roll, yaw [rad]; signs as in the module."""
 

@@ -39,6 +39,7 @@ from stereocalib_core.config import PipelineConfig, VehicleConfig
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.spill import let_go
 from stereocalib_core.results import (
     BEST,
     Drive,
@@ -191,14 +192,12 @@ def _judged(
     """Every path with its errors against the truth."""
     truth = None if ground_truth is None else ground_truth.poses
     reliable = ground_truth is None or ground_truth.heading_reliable
-    return {
-        name: DrivePath(
-            path.poses,
-            path.covariance,
-            evaluate(path.poses, truth, reliable, path.measured_share, min_measured),
-        )
-        for name, path in paths.items()
-    }
+    judged = {}
+    for name, path in paths.items():
+        errors = evaluate(path.poses, truth, reliable, path.measured_share, min_measured)
+        judged[name] = DrivePath(path.poses, path.covariance, errors)
+        let_go(path.poses)
+    return judged
 
 
 def _yaw(estimate: YawEstimate, known: Rig) -> Measured | None:

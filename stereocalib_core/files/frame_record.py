@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.numeric.spill import Shelf
 from stereocalib_core.results import (
     Check,
     FrameResult,
@@ -26,7 +28,7 @@ from stereocalib_core.results import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Done:
     """A finished frame: its result, what the front end remembered after it, and how long it took."""
 
@@ -121,8 +123,35 @@ def _scan_sample(arrays: _Arrays, stored: Sequence[Any]) -> ScanSample:
     return ScanSample(T, beams, edges, points, patches, float("nan") if stored[5] is None else stored[5])
 
 
-def unpack(payload: bytes) -> Done:
-    """The frame that `pack` wrote, bit for bit; raises what json, struct and the types raise for damaged bytes."""
+_LIMITS: dict[float, float] = {}
+_MOST_LIMITS = 500
+
+
+def _limit(value: float | None) -> float | None:
+    """The same number, as one object for all frames that have it: most limits are those of the settings."""
+    if not isinstance(value, float) or value == 0.0 or value != value:
+        return value
+    return _LIMITS.setdefault(value, value) if len(_LIMITS) < _MOST_LIMITS else _LIMITS.get(value, value)
+
+
+def _check(stored: dict[str, Any]) -> Check:
+    """A check whose words are shared with those of all other frames: a long drive has hundreds of thousands."""
+    words = {name: sys.intern(stored[name]) for name in ("stage", "name", "unit")}
+    return Check(**{**stored, **words, "low": _limit(stored["low"]), "high": _limit(stored["high"])})
+
+
+def _tracks(arrays: _Arrays, stored: Sequence[Any], shelf: Shelf | None) -> Tracks:
+    points, on_road = arrays.get(stored[0]), arrays.get(stored[1])
+    if shelf is not None:
+        points, on_road = shelf.put(points), shelf.put(on_road)
+    return Tracks(points, on_road, stored[2])
+
+
+def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
+    """The frame that `pack` wrote, bit for bit; raises what json, struct and the types raise for damaged bytes.
+
+    shelf: where the tracks are put, of a drive whose frames are all kept.
+    """
     (length,) = struct.unpack_from("<I", payload)
     values = json.loads(payload[4 : 4 + length])
     arrays = _Arrays(payload[4 + length :])
@@ -150,9 +179,9 @@ def unpack(payload: bytes) -> Done:
         None
         if sample is None
         else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
-        None if tracks is None else Tracks(arrays.get(tracks[0]), arrays.get(tracks[1]), tracks[2]),
-        tuple(Check(**check) for check in values["checks"]),
-        MappingProxyType(values["timing_ms"]),
+        None if tracks is None else _tracks(arrays, tracks, shelf),
+        tuple(_check(check) for check in values["checks"]),
+        MappingProxyType({sys.intern(stage): ms for stage, ms in values["timing_ms"].items()}),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
         None if scan is None else _scan_sample(arrays, scan),
         arrays.get(values["disparities"]),

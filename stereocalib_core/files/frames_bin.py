@@ -27,6 +27,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files.frame_record import Done, pack, unpack
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric.spill import Shelf
 from stereocalib_core.results import (
     Rig,
     Tolerance,
@@ -121,10 +122,13 @@ class Checkpoint(Sequence[Done]):
 
     def __getitem__(self, index: int | slice) -> Done | list[Done]:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        at = range(len(self))[index]
+            shelf = Shelf()
+            return [self._read(i, shelf) for i in range(*index.indices(len(self)))]
+        return self._read(range(len(self))[index])
+
+    def _read(self, at: int, shelf: Shelf | None = None) -> Done:
         begin, end = self._places[2 * at], self._places[2 * at + 1]
-        return unpack(os.pread(self._file, end - begin, begin))
+        return unpack(os.pread(self._file, end - begin, begin), shelf)
 
     def _add(self, payload: bytes) -> None:
         self._chain = zlib.crc32(payload, self._chain)
@@ -200,10 +204,10 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Done], int]:
         header = dict(json.loads(first.payload))
     except (StopIteration, ValueError, TypeError) as error:
         raise OutputError("checkpoint without a header", path, "start afresh with --overwrite") from error
-    frames, whole = [], first.end
+    frames, whole, shelf = [], first.end, Shelf()
     try:
         for record in records:
-            frames.append(unpack(record.payload))
+            frames.append(unpack(record.payload, shelf))
             whole = record.end
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from stereocalib_core.numeric.spill import let_go, spilled
 from stereocalib_core.numeric.threads import cores, shared_pool
 
 CHUNKS_PER_CORE = 4
 """Enough to even out slow stretches of a drive."""
+
+MOST_AT_ONCE = 500
+"""Pairs of a chunk, where arrays lie on the disk and only what is worked on is to be in memory."""
 
 _WORTHWHILE = 64
 """Fewer pairs than this take less time than handing them out."""
@@ -16,11 +20,18 @@ _WORTHWHILE = 64
 
 def in_chunks(work: Callable[..., None], count: int, *arguments: Any) -> None:
     """Call `work(first, last, *arguments)` until 0 ... count is covered; it must release the GIL to gain by it."""
-    workers = cores()
-    if count < _WORTHWHILE or workers == 1:
+    workers, on_disk = cores(), spilled(arguments)
+    if count < _WORTHWHILE or (workers == 1 and not on_disk):
         work(0, count, *arguments)
         return
-    edges = [count * k // (workers * CHUNKS_PER_CORE) for k in range(workers * CHUNKS_PER_CORE + 1)]
-    pool = shared_pool("odometry", workers)
-    for _ in pool.map(lambda *part: work(*part, *arguments), edges[:-1], edges[1:]):
+    chunks = workers * CHUNKS_PER_CORE
+    if on_disk:
+        chunks = max(chunks, -(-count // MOST_AT_ONCE))
+    edges = [count * k // chunks for k in range(chunks + 1)]
+
+    def part(first: int, last: int) -> None:
+        work(first, last, *arguments)
+        let_go(*on_disk)
+
+    for _ in shared_pool("odometry", workers).map(part, edges[:-1], edges[1:]):
         pass

@@ -17,7 +17,7 @@ TO_DEGREES = np.array([1.0, *np.rad2deg([1.0, 1.0])])
 """(3,) factors from height [m], pitch, roll [rad] to metres and degrees, as files have them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Check:
     """One number of one stage against its limit, for whoever asks why a frame failed.
 
@@ -60,7 +60,7 @@ class DisparityMap:
         return (np.arange(self.values.shape[0], dtype=np.float64) + 0.5) * float(self.step_px) - 0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RoadEstimate:
     """The road as one stereo pair shows it.
 
@@ -95,7 +95,7 @@ class RoadEstimate:
         return np.sqrt(np.diag(self.covariance + self.bend_covariance))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RectificationSample:
     """What one pair says of its own rectification, by the rows of left and right matches.
 
@@ -110,7 +110,7 @@ class RectificationSample:
     keystone_rad: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Tracks:
     """Points seen in two consecutive stereo pairs, independent of every correction setting.
 
@@ -128,7 +128,7 @@ class Tracks:
         return len(self.points)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RoadResidual:
     """The LiDAR's road minus the stereo road of one frame: what the calibration between the two gets wrong.
 
@@ -142,7 +142,7 @@ class RoadResidual:
     points: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameResult:
     """One frame through the front end. `road` is None exactly when `failure` is not.
 
@@ -179,7 +179,7 @@ class FrameResult:
         return "" if self.failure is None else str(self.failure.reason)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrontEndMemory:
     """What the next frame depends on, small enough to be kept beside every result.
 
@@ -219,7 +219,7 @@ class FilteredExtrinsics:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Measured:
     """A number with its standard deviation, in the same unit."""
 

@@ -170,6 +170,7 @@ def _run_alone(job: Job, folder: OutputFolder, resume: bool, run: int, progress:
         if len(done) > count:
             remedy = f"it has {len(done)} frames; give at least as many, or start afresh with --overwrite"
             raise OutputError("stopped run of more frames", out, remedy)
+        del done  # of a long drive they are many, and are read again where they are needed
     if run == 0:
         folder.clear()
     return _run(job, keep, progress)

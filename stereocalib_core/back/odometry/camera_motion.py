@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.back.odometry.road_depth import fuse
 from stereocalib_core.back.odometry.weighted_motion import weighted_pair
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.rigid_motion import rigid_pair
@@ -27,6 +28,12 @@ def solve_full(
     rays: Array,
     start: NDArray[np.int64],
     road_end: NDArray[np.int64],
+    previous: NDArray[np.int64],
+    on_road: NDArray[np.bool_],
+    used: Array,
+    given: Array,
+    sigma: Array,
+    disparity_variance: float,
     active: NDArray[np.bool_],
     initial: Array,
     focal_px: float,
@@ -36,19 +43,27 @@ def solve_full(
     motions: Array,
     covariances: Array,
 ) -> None:
-    """Every active pair of first ... last by `weighted_pair`, in place; rays (6, M), the last row being the variance of
-    the inverse depth.
+    """Every active pair of first ... last by `weighted_pair`, in place; rays (5, M), fused pair by pair: see `fuse`.
 
     initial: (N, 6 or more) where to start. scale_sigma: of the depth factor of points off the road.
     motions: (N, 7) motion, and 1 where it was solved. covariances: (N, 6, 6).
     """
+    most = 0
+    for i in range(first, last):
+        most = max(most, start[i + 1] - start[i])
+    fused = np.empty((6, most))
     for i in range(first, last):
         if not active[i]:
             continue
         motion = initial[i, :6].copy()
         information = np.zeros((6, 6))
+        p = max(previous[i], 0)
+        fuse(
+            rays, start[i], road_end[i], start[i + 1], used[p], given[p], sigma[p], disparity_variance, on_road[i],
+            fused,
+        )  # fmt: skip
         variance = weighted_pair(
-            rays, start[i], road_end[i], start[i + 1], motion,
+            fused, 0, road_end[i] - start[i], start[i + 1] - start[i], motion,
             focal_px, scale_sigma, cauchy_px, solver, information,
         )  # fmt: skip
         if variance >= 0.0:

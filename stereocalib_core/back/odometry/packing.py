@@ -13,7 +13,8 @@ from stereocalib_core.back.odometry.camera_motion import solve_full, solve_stere
 from stereocalib_core.config import OdometryConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.chunks import in_chunks
+from stereocalib_core.numeric.chunks import MOST_AT_ONCE, in_chunks
+from stereocalib_core.numeric.spill import let_go, roomy
 from stereocalib_core.results import FrameResult, Tracks
 
 
@@ -53,7 +54,7 @@ class PackedTracks:
 
     @cached_property
     def _stereo(self) -> tuple[Array, Array]:
-        motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
+        motions, covariances = np.zeros((len(self), 7)), roomy((len(self), 6, 6))
         in_chunks(
             solve_stereo, len(self),
             self.rays, self.start, self.previous, self.camera.focal_px, self.config.min_points,
@@ -75,13 +76,20 @@ class PackedTracks:
         solver = self.config.solver
         return solver.noise_px, solver.iterations, self.config.min_points_of_a_kind
 
-    def full_motion(self, rays: Array) -> tuple[Array, Array]:
-        """Every active pair by `solve_full` with `rays` (5, M) in place of the measured ones: (N, 7) motion and 1
-        where it was solved, (N, 6, 6) covariance."""
-        motions, covariances = np.zeros((len(self), 7)), np.zeros((len(self), 6, 6))
+    def full_motion(
+        self, road: NDArray[np.bool_], used: Array, given: Array, sigma: Array
+    ) -> tuple[Array, Array]:
+        """Every active pair by `solve_full`: (N, 7) motion and 1 where it was solved, (N, 6, 6) covariance.
+
+        road: (N,) pairs whose road points are fused with the road. used, given: (N, 4) extrinsics as a variant has
+        them, and as the drive does. sigma: (N, 3) of height, pitch, roll.
+        """
+        fb = self.camera.focal_px * self.camera.baseline_m
+        motions, covariances = np.zeros((len(self), 7)), roomy((len(self), 6, 6))
         in_chunks(
             solve_full, len(self),
-            rays, self.start, self.road_end, self.active, self.stereo_motion, self.camera.focal_px,
+            self.rays, self.start, self.road_end, self.previous, road, used, given, sigma,
+            (self.config.disparity_noise_px / fb) ** 2, self.active, self.stereo_motion, self.camera.focal_px,
             self.config.scale_sigma, self.config.solver.cauchy_px, self.solver, motions, covariances,
         )  # fmt: skip
         return motions, covariances
@@ -131,7 +139,7 @@ def pack_tracks(
         previous[i] = row_of[pair.previous]
     f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
     # pair by pair to its place: an hour's drive has tens of millions of points, and no room for a second copy
-    rays = np.empty((5, start[-1]))
+    rays = roomy((5, int(start[-1])))
     for i, kept in whole.items():
         pair = tracks[i]
         assert pair is not None
@@ -147,6 +155,9 @@ def pack_tracks(
                 (u_now - camera.cx_px) / f,
                 (v_now - camera.cy_px) / f,
             )
+        if i % MOST_AT_ONCE == 0:
+            let_go(rays, pair.points)
+    let_go(rays)
     ok = np.ones(count, dtype=bool) if road_ok is None else np.asarray(road_ok, dtype=bool)
     settings = config or OdometryConfig()
     return PackedTracks(camera, rays, start, road_end, previous, ok, settings)

@@ -23,6 +23,52 @@ from stereocalib_core.numeric.arrays import Array
 
 
 @njit(cache=True, nogil=True)
+def fuse(
+    rays: Array,
+    first: int,
+    middle: int,
+    last: int,
+    used: Array,
+    given: Array,
+    sigma: Array,
+    disparity_variance: float,
+    on_road: bool,
+    result: Array,
+) -> None:
+    """Fill result (6, last - first or more): points first ... last of `rays` (5, M), and the variance of their depths.
+
+    With `on_road` the inverse depths of the road points, first ... middle, are fused. used: (3 or more) height [m],
+    pitch, roll [rad] of the frame before as a variant has them; given: as the drive has them, with sigma (3,).
+    disparity_variance: of a measured inverse depth [1/m^2].
+    """
+    for row in range(5):
+        for k in range(last - first):
+            result[row, k] = rays[row, first + k]
+    for k in range(last - first):
+        result[5, k] = disparity_variance
+    if not on_road:
+        return
+    J = np.zeros(3)
+    h, cp, sp = given[0], np.cos(given[1]), np.sin(given[1])
+    cr, sr = np.cos(given[2]), np.sin(given[2])
+    h_used = used[0]
+    cp_used, sp_used = np.cos(used[1]), np.sin(used[1])
+    cr_used, sr_used = np.cos(used[2]), np.sin(used[2])
+    for k in range(first, middle):
+        x, y = rays[0, k], rays[1, k]
+        J[0] = -(cr * cp * y - sr * x + cr * sp) / (h * h)
+        J[1] = (-cr * sp * y + cr * cp) / h
+        J[2] = (-sr * cp * y - cr * x - sr * sp) / h
+        variance = 0.0
+        for a in range(3):
+            variance += (J[a] * sigma[a]) ** 2
+        share = disparity_variance / (disparity_variance + variance)
+        road = (cr_used * cp_used * y - sr_used * x + cr_used * sp_used) / h_used
+        result[5, k - first] = share * variance
+        result[2, k - first] = share * road + (1.0 - share) * rays[2, k]
+
+
+@njit(cache=True, nogil=True)
 def fused_rays(
     rays: Array,
     start: NDArray[np.int64],
@@ -34,36 +80,15 @@ def fused_rays(
     sigma: Array,
     disparity_variance: float,
 ) -> Array:
-    """(6, M) `rays` with the inverse depths of the road points of the pairs in `on_road` (N,) fused, and all variances.
-
-    used: (N, 3 or more) height [m], pitch, roll [rad] of every frame as a variant has them; given: as the drive has
-    them, with sigma (N, 3). disparity_variance: of a measured inverse depth [1/m^2].
-    """
+    """(6, M) `rays` of all pairs with the inverse depths of the road points of the pairs in `on_road` (N,) fused, and
+    all variances; extrinsics (N, 3 or more), else as for `fuse`."""
     result = np.empty((6, rays.shape[1]))
-    result[:5] = rays
-    result[5] = disparity_variance
-    J = np.zeros(3)
     for i in range(len(previous)):
-        if not on_road[i]:
-            continue
-        p = previous[i]
-        h, cp, sp = given[p, 0], np.cos(given[p, 1]), np.sin(given[p, 1])
-        cr, sr = np.cos(given[p, 2]), np.sin(given[p, 2])
-        h_used = used[p, 0]
-        cp_used, sp_used = np.cos(used[p, 1]), np.sin(used[p, 1])
-        cr_used, sr_used = np.cos(used[p, 2]), np.sin(used[p, 2])
-        for k in range(start[i], road_end[i]):
-            x, y = rays[0, k], rays[1, k]
-            J[0] = -(cr * cp * y - sr * x + cr * sp) / (h * h)
-            J[1] = (-cr * sp * y + cr * cp) / h
-            J[2] = (-sr * cp * y - cr * x - sr * sp) / h
-            variance = 0.0
-            for a in range(3):
-                variance += (J[a] * sigma[p, a]) ** 2
-            share = disparity_variance / (disparity_variance + variance)
-            road = (cr_used * cp_used * y - sr_used * x + cr_used * sp_used) / h_used
-            result[5, k] = share * variance
-            result[2, k] = share * road + (1.0 - share) * rays[2, k]
+        p = max(previous[i], 0)
+        fuse(
+            rays, start[i], road_end[i], start[i + 1], used[p], given[p], sigma[p], disparity_variance, on_road[i],
+            result[:, start[i] :],
+        )  # fmt: skip
     return result
 
 

@@ -26,13 +26,14 @@ from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
-from stereocalib_core.back.odometry.road_depth import fused_rays, with_floors
+from stereocalib_core.back.odometry.road_depth import with_floors
 from stereocalib_core.config import VehicleConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.small_algebra import rotation_from_vector, vector_from_rotation
+from stereocalib_core.numeric.spill import put_away
 
 Model = Literal["full", "planar", "nonholonomic", "stereo_only"]
 MODELS: tuple[str, ...] = get_args(Model)
@@ -165,12 +166,8 @@ def trajectory(
     road &= tracks.road_ok & tracks.road_ok[origin] & known & known[origin]
     moving = has_pair & ~tracks.still
     if settings.model == "full":
-        fb = tracks.camera.focal_px * tracks.camera.baseline_m
-        fused = fused_rays(
-            tracks.rays, tracks.start, tracks.road_end, tracks.previous, road, used, given,
-            with_floors(sigma, len(tracks), tracks.config), (tracks.config.disparity_noise_px / fb) ** 2,
-        )  # fmt: skip
-        motions, motion_covariance = tracks.full_motion(fused)
+        surely = with_floors(sigma, len(tracks), tracks.config)
+        motions, motion_covariance = tracks.full_motion(road, used, given, surely)
         planar = _planar_of(motions, rotations, origin)
         planar_covariance = _planar_covariance(motion_covariance, motions, rotations, origin)
     else:
@@ -212,7 +209,10 @@ def _path(
     tracked = has_pair & (motions[:, 6] > 0)
     measured = (shown | (tracks.still & has_pair)) & tracked & ~bridged
     measured[:1] = True
-    return Trajectory(poses, covariance, planar, planar_covariance, measured, tracked)
+    # of a long drive there are a dozen paths: none of them is worked on before all are there
+    return Trajectory(
+        put_away(poses), put_away(covariance), planar, put_away(planar_covariance), measured, tracked
+    )
 
 
 def _planar(

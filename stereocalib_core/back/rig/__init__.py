@@ -20,7 +20,7 @@ def warm_up() -> None:
         rig.step(time_s, Look(np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6])))
     one, none = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
     rays = np.ascontiguousarray(np.random.default_rng(0).uniform(0.1, 0.4, (5, 12)))
-    vanishing_points(rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3, 3)
+    vanishing_points(0, 1, rays, none, none + 12, np.eye(3)[None], one, 1e-2, 1e-3, 3, np.zeros((1, 4)))
     _warm_up_pair()
 
 

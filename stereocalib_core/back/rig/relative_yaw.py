@@ -27,7 +27,8 @@ from stereocalib_core.back.rig.relative_yaw_kernels import MOTION, TURN, move, p
 from stereocalib_core.config.pair import PairConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.chunks import in_chunks
+from stereocalib_core.numeric.chunks import MOST_AT_ONCE, in_chunks
+from stereocalib_core.numeric.spill import let_go, put_away, roomy
 from stereocalib_core.results import FrameResult, Measured
 
 CHI2_MEDIAN = 2.366
@@ -102,16 +103,21 @@ class RelativeYaw:
 
 def stereo_tracks(camera: StereoCamera, results: Sequence[FrameResult]) -> StereoTracks:
     """The tracks of consecutive frames to one block; points without a disparity in both frames are left out."""
-    blocks: list[NDArray[np.float32]] = []
     start = np.zeros(len(results) + 1, dtype=np.int64)
     for i, result in enumerate(results):
         start[i + 1] = start[i]
         if result.tracks is not None and len(result.tracks):
-            blocks.append(result.tracks.points[np.isfinite(result.tracks.points).all(axis=1)])
-            start[i + 1] += len(blocks[-1])
-    points = np.concatenate([*blocks, np.zeros((0, 6), np.float32)]).astype(np.float64).T
+            start[i + 1] += np.count_nonzero(np.isfinite(result.tracks.points).all(axis=1))
+    rays = roomy((6, int(start[-1])))
     centre = np.array([camera.cx_px, camera.cy_px, 0.0] * 2)[:, None]
-    return StereoTracks(camera, np.ascontiguousarray((points - centre) / camera.focal_px), start)
+    for i, result in enumerate(results):
+        if result.tracks is not None and start[i + 1] > start[i]:
+            points = result.tracks.points[np.isfinite(result.tracks.points).all(axis=1)]
+            rays[:, start[i] : start[i + 1]] = (points.astype(np.float64).T - centre) / camera.focal_px
+            if i % MOST_AT_ONCE == 0:
+                let_go(rays, result.tracks.points)
+    let_go(rays)
+    return StereoTracks(camera, rays, start)
 
 
 @dataclass(frozen=True)
@@ -168,7 +174,7 @@ def solve_yaw(
     if not len(used):
         return None
     turn = np.array([0.0, *roll_pitch])
-    normal, right = np.zeros((count, MOTION + TURN, MOTION + TURN)), np.zeros((count, MOTION + TURN))
+    normal, right = roomy((count, MOTION + TURN, MOTION + TURN)), np.zeros((count, MOTION + TURN))
     misfit = np.zeros(tracks.rays.shape[1])
     of_used = np.repeat(active, np.diff(tracks.start))
     noise, step, total = config.noise_px / f, np.inf, np.nan
@@ -213,19 +219,28 @@ def _without_strips(
     shape = (count, MOTION + TURN, MOTION + TURN)
     x = tracks.rays[0]
     edges = np.quantile(x, np.linspace(0.0, 1.0, strips + 1)[1:-1])
-    strip = np.searchsorted(edges, x)
+    strip = np.searchsorted(edges, x).astype(np.int8)
+    let_go(tracks.rays)
     parts = []
     for k in range(strips):
         inside = strip == k
         before = np.concatenate([[0], np.cumsum(inside)])
-        normal, right = np.zeros(shape), np.zeros(shape[:2])
+        normal, right = roomy(shape), np.zeros(shape[:2])
+        rays = roomy((len(tracks.rays), int(before[-1])))
+        for row in range(len(rays)):
+            np.compress(inside, tracks.rays[row], out=rays[row])
+            let_go(rays, tracks.rays)
         in_chunks(
             pair_equations, count,
-            np.ascontiguousarray(tracks.rays[:, inside]), before[tracks.start], active, now, turn, noise,
+            rays, before[tracks.start], active, now, turn, noise,
             config.tuning, normal, right, np.zeros(int(before[-1])),
         )  # fmt: skip
-        parts.append((normal[used], right[used]))
-    whole = sum(part[0] for part in parts), sum(part[1] for part in parts)
+        parts.append((put_away(normal[used]), right[used]))
+    whole = np.zeros_like(parts[0][0]), np.zeros_like(parts[0][1])
+    for part in parts:
+        whole[0][...] += part[0]
+        whole[1][...] += part[1]
+        let_go(part[0])
     changes = np.zeros(strips)
     for k, (normal, right) in enumerate(parts):
         # a pair that is left without its own motion says nothing
@@ -233,6 +248,7 @@ def _without_strips(
         enough = np.linalg.cond(rest[0][:, :MOTION, :MOTION]) < config.worst_condition
         reduced = _reduce(rest[0][enough], rest[1][enough]) if enough.any() else None
         changes[k] = np.nan if reduced is None else reduced.score.sum() / reduced.curvature[:, 0, 0].sum()
+        let_go(normal)
     return changes
 
 

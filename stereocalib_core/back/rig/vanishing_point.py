@@ -132,6 +132,8 @@ def find_vanishing_point(
 
 @njit(cache=True, nogil=True)
 def vanishing_points(
+    first: int,
+    last: int,
     rays: Array,
     start: NDArray[np.int64],
     end: NDArray[np.int64],
@@ -140,14 +142,16 @@ def vanishing_points(
     tolerance: float,
     least_flow: float,
     samples: int,
-) -> Array:
-    """(N, 4) of `find_vanishing_point` for every active pair; rotations: (N, 3, 3) R_current_previous."""
-    result = np.full((len(active), 4), np.nan)
-    for i in range(len(active)):
+    result: Array,
+) -> None:
+    """Fill rows first ... last of result (N, 4) by `find_vanishing_point` for every active pair.
+
+    rotations: (N, 3, 3) R_current_previous.
+    """
+    for i in range(first, last):
         if active[i]:
             tracks = derotate(np.ascontiguousarray(rays[:, start[i] : end[i]]), rotations[i])
             result[i] = find_vanishing_point(tracks, tolerance, least_flow, samples, i)
-    return result
 
 
 def view_pair(camera: StereoCamera, rays: Array, rotation: Array, config: YawConfig) -> VanishingPointView:

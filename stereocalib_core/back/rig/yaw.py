@@ -34,6 +34,7 @@ from stereocalib_core.back.rig.vanishing_point import (
 from stereocalib_core.config import OdometryConfig, VehicleConfig, YawConfig
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.chunks import in_chunks
 from stereocalib_core.numeric.robust import cauchy_weights, mad_sigma
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 from stereocalib_core.results import Measured
@@ -167,16 +168,12 @@ def estimate_yaw(
         )
     camera = tracks.camera
     tolerance = config.tolerance_px / camera.focal_px
-    found = vanishing_points(
-        tracks.rays,
-        tracks.start,
-        tracks.road_end,
-        pair_rotations(tracks),
-        straight,
-        tolerance,
-        config.min_flow_px / camera.focal_px,
-        config.samples,
-    )
+    found = np.full((len(tracks), 4), np.nan)
+    in_chunks(
+        vanishing_points, len(tracks),
+        tracks.rays, tracks.start, tracks.road_end, pair_rotations(tracks), straight, tolerance,
+        config.min_flow_px / camera.focal_px, config.samples, found,
+    )  # fmt: skip
     use = straight & (found[:, 2] >= config.min_tracks)
     origin = np.maximum(tracks.previous, 0)
     filled = fill_missing(full)
