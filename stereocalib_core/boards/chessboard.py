@@ -55,9 +55,14 @@ def _shrink(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
 
 
 def _sector_based(picture: NDArray[np.uint8], size: tuple[int, int], thorough: bool) -> Array | None:
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | (cv2.CALIB_CB_EXHAUSTIVE if thorough else 0)
-    ok, corners = cv2.findChessboardCornersSB(picture, size, flags=flags)
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if ok else None
+    # Equalised greys help in poor light, and now and then hide a board without a white rim: thorough is both.
+    ways = (cv2.CALIB_CB_NORMALIZE_IMAGE, 0)[: 2 if thorough else 1]
+    for way in ways:
+        flags = way | (cv2.CALIB_CB_EXHAUSTIVE if thorough else 0)
+        ok, corners = cv2.findChessboardCornersSB(picture, size, flags=flags)
+        if ok:
+            return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    return None
 
 
 def _classic(picture: NDArray[np.uint8], size: tuple[int, int], thorough: bool) -> Array | None:

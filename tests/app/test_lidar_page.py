@@ -92,6 +92,19 @@ def test_pairs_are_listed_with_thumbnails_residuals_and_reasons(page: Any) -> No
 
 
 @pytest.mark.browser
+def test_a_browser_may_be_light(page: Any) -> None:
+    def scheme() -> str:
+        return str(page.evaluate("() => document.documentElement.dataset.mantineColorScheme"))
+
+    assert scheme() == "dark"
+    if not page.get_by_label("Light theme").is_visible():
+        page.get_by_text("This browser").dispatch_event("click")
+    for wanted in ("light", "dark"):
+        page.get_by_label("Light theme").dispatch_event("click")
+        until(lambda wanted=wanted: scheme() == wanted, what=wanted)
+
+
+@pytest.mark.browser
 def test_ticking_a_pair_out_solves_at_once(page: Any, view: LidarView) -> None:
     tab(page, "Pairs")
     before = view.session.snapshot.result

@@ -17,6 +17,7 @@ from stereocalib_core.boards.answer import judge
 from stereocalib_core.boards.board_search import BoardCandidate
 from stereocalib_core.boards.calibrate import calibrate
 from stereocalib_core.boards.camera import BoardCamera
+from stereocalib_core.boards.chessboard import find_corners
 from stereocalib_core.boards.cloud_files import read_cloud
 from stereocalib_core.boards.detect import Detection
 from stereocalib_core.boards.findings import findings
@@ -132,6 +133,17 @@ def test_squares_counted_as_corners_are_told_from_the_pictures() -> None:
     assert (board.width_m, board.height_m) == (BOARD.width_m, BOARD.height_m)
     assert true_pattern(pictures, BOARD) == (BOARD, "")
     assert true_pattern([np.full((400, 600), 90, np.uint8)], BoardSpec(8, 6, 0.11))[1] == ""
+
+
+def test_a_board_without_a_white_rim_is_found_where_equalised_greys_hide_it(tmp_path: Path) -> None:
+    write_set(tmp_path, SynthSettings(pairs=4, seed=2))
+    picture = cv2.imread(str(tmp_path / "images" / "pair03.png"), cv2.IMREAD_GRAYSCALE)
+    corners = find_corners(np.asarray(picture, np.uint8), BOARD)
+    assert corners is not None
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    T = np.array(truth["T_camera_board"][3])
+    model = BOARD.corners_board * truth["square_m"] / BOARD.square_m
+    np.testing.assert_allclose(corners, CAMERA.project(model @ T[:3, :3].T + T[:3, 3]), atol=0.3)
 
 
 def detection(order: list[int], camera: BoardCamera = paper.CAMERA) -> Detection:
