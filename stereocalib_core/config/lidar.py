@@ -34,6 +34,8 @@ class RoadCheckConfig:
     """Heights beyond so many robust sigmas are rejected."""
     min_spread_m: float = 0.004
     rounds: int = 8
+    least_change: float = 1e-5
+    """A round that changes the plane by less [m, and m/m] is the last: a hundredth of its sigma."""
     min_points: int = 60
     cell_m: float = 1.5
     """Heights closer than this rise and fall together: as `DirectConfig.uneven_length_m`, and a patch is as long."""

@@ -29,10 +29,18 @@ from stereocalib_core.front.scan.lidar_road import scan_residual
 from stereocalib_core.front.scan.road_surface import RoadSurface
 from stereocalib_core.front.scan.scan_disparity import scan_disparities
 from stereocalib_core.front.scan.scan_sample import sample_scan
+from stereocalib_core.front.scan.view import ScanView
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
+from stereocalib_core.results import (
+    Check,
+    FrameResult,
+    FrontEndMemory,
+    RectificationSample,
+    RoadEstimate,
+    Tracks,
+)
 
 AHEAD = 2
 """So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
@@ -171,7 +179,7 @@ class FrontEnd:
             )  # fmt: skip
             return Look(failed, road)
         began = time.perf_counter()
-        tracks = self._track(frame.index, left, right, road)
+        tracks = self._track(frame.index, left, right, road, sample)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
         began = time.perf_counter()
         estimate, ahead = self._bent(road)
@@ -234,20 +242,19 @@ class FrontEnd:
         began = time.perf_counter()
         surface = RoadSurface.of(road, self.camera, config.direct)
         residual = scan_residual(frame, result, T, config.road_check, surface)
-        sample = None
-        if frame.left is not None and road.matched is not None:
+        sample = seen = None
+        left, right = frame.left, frame.right
+        if left is not None and right is not None and road.matched is not None:
+            view = ScanView.of(frame.lidar, self.camera, T, config.scan_sample)
             over = None if result.road is None else result.road.extrinsics
             sample = sample_scan(
-                *(frame.lidar, frame.left, road.disparity, self.camera, T, over),
-                *(config.scan_sample, frame.lidar_sweep),
+                *(view, left, road.disparity, self.camera, over, config.scan_sample, frame.lidar_sweep)
             )
-        seen = None
-        wanted = config.scan_disparity.wanted(frame.index)
-        if wanted and frame.left is not None and frame.right is not None and road.matched is not None:
-            seen = scan_disparities(
-                self.camera, frame.left, frame.right, road.disparity, frame.lidar, T,
-                config.scan_disparity, result.rectification,
-            )  # fmt: skip
+            if config.scan_disparity.wanted(frame.index):
+                seen = scan_disparities(
+                    *(self.camera, left, right, road.disparity, view),
+                    *(config.scan_disparity, result.rectification),
+                )
         timing = {**result.timing_ms, "lidar": 1e3 * (time.perf_counter() - began)}
         return dataclasses.replace(
             result, lidar=residual, scan=sample, disparities=seen, timing_ms=MappingProxyType(timing)
@@ -263,13 +270,15 @@ class FrontEnd:
             FailureReason.FROZEN, f"the {'left' if same[0] else 'right'} camera repeats its last picture"
         )
 
-    def _track(self, index: int, left: Grey, right: Grey, road: RoadResult) -> Tracks | None:
+    def _track(
+        self, index: int, left: Grey, right: Grey, road: RoadResult, rows: RectificationSample | None
+    ) -> Tracks | None:
         if road.matched is None:
             return None
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
             self._past.append(self._road)
-        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
+        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None, rows)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
         self._carry(self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
@@ -322,7 +331,8 @@ class FrontEnd:
         disparity = prepared.begun.matched
         assert disparity is not None
         view = PairView(
-            frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
+            *(frame.index, frame.left, frame.right, disparity, self._standing),
+            *(result.road is not None, prepared.examined.sample),
         )
         self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
 

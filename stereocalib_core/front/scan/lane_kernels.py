@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 
 
 @njit(cache=True, nogil=True)
@@ -61,8 +62,10 @@ def gather_on_tiles(
     for i in range(len(scan)):
         x, y, z = float(scan[i, 0]), float(scan[i, 1]), float(scan[i, 2])
         ahead = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if ahead <= 0.0:
+            continue
         down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        if ahead <= 0.0 or abs(down) > offset + slope * ahead:
+        if abs(down) > offset + slope * ahead:
             continue
         side = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
         depth = R[2, 0] * side + R[2, 2] * ahead + R[2, 3]
@@ -138,6 +141,41 @@ def normal_equations(points: Array, weights: Array) -> tuple[Array, Array]:
             for m in range(3):
                 H[k, m] += weights[i] * row[k] * row[m]
     return H, g
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    points: Array,
+    weights: Array,
+    start: Array,
+    near: float,
+    tukey: float,
+    least_spread: float,
+    rounds: int,
+    least_change: float,
+) -> tuple[Array, Array]:
+    """(3,) plane by robust least squares from `start` (3,), and the (M,) Tukey weights it ends with.
+
+    near: heights [m] below this tell the spread. tukey: spreads beyond which a point counts nothing. least_change: of
+    the plane [m, m/m], else a round is the last.
+    """
+    plane, robust = start.copy(), weights.copy()
+    size = np.empty(len(points))
+    for _ in range(rounds):
+        residual = residuals(points, plane)
+        count = 0
+        for i in range(len(residual)):
+            if abs(residual[i]) < near:
+                size[count] = abs(residual[i])
+                count += 1
+        spread = SIGMA_PER_MAD * np.median(size[:count]) if count > 0 else 0.0
+        robust = reweigh(residual, tukey * max(spread, least_spread))
+        H, g = normal_equations(points, weights * robust)
+        before = plane
+        plane = np.asarray(np.linalg.solve(H, g))
+        if np.abs(plane - before).max() < least_change:
+            break
+    return plane, robust
 
 
 @njit(cache=True, nogil=True)

@@ -32,7 +32,6 @@ from stereocalib_core.front.scan import lane_kernels as kernels
 from stereocalib_core.front.scan.road_surface import RoadSurface
 from stereocalib_core.geometry import Extrinsics, Plane, StereoCamera, invert_transform
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import FrameResult, RoadResidual
 
 _TO_EXTRINSICS = np.diag([1.0, -1.0, 1.0])
@@ -142,7 +141,10 @@ def fit_lane(points: Array, config: RoadCheckConfig) -> LanePlane | None:
     if start is None:
         return None
     try:
-        coefficients, robust = _refine(points, weights, start, config)
+        coefficients, robust = kernels.refine(
+            points, weights, start, config.agree_height_m, config.tukey, config.min_spread_m, config.rounds,
+            config.least_change,
+        )  # fmt: skip
         residual = kernels.residuals(points, coefficients)
         covariance = _covariance(points, residual, weights * robust, config)
     except np.linalg.LinAlgError:
@@ -169,20 +171,6 @@ def _vote(points: Array, weights: Array, config: RoadCheckConfig) -> Array | Non
         return None
     planes = np.ascontiguousarray(planes[level])
     return np.asarray(planes[int(np.argmax(kernels.votes(few, planes, config.agree_height_m)))])
-
-
-def _refine(points: Array, weights: Array, start: Array, config: RoadCheckConfig) -> tuple[Array, Array]:
-    """(3,) robust least squares from `start`, and the (N,) Tukey weights it ends with."""
-    coefficients: Array = start
-    robust = weights
-    for _ in range(config.rounds):
-        residual = kernels.residuals(points, coefficients)
-        near = np.abs(residual)
-        near = near[near < config.agree_height_m]
-        spread = SIGMA_PER_MAD * float(np.median(near)) if len(near) else 0.0
-        robust = kernels.reweigh(residual, config.tukey * max(spread, config.min_spread_m))
-        coefficients = np.asarray(np.linalg.solve(*kernels.normal_equations(points, weights * robust)))
-    return coefficients, robust
 
 
 def _covariance(points: Array, residual: Array, weights: Array, config: RoadCheckConfig) -> Array | None:

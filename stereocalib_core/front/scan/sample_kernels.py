@@ -18,18 +18,20 @@ Lens = tuple[float, float, float, float, float, float]
 @njit(cache=True, nogil=True)
 def in_view(
     scan: NDArray[np.float32], T: Array, camera: Lens, margin: float, nearest: float
-) -> NDArray[np.float32]:
-    """(N, 4) points to those that the left picture may show, (M, 3) float32, in their order.
+) -> tuple[NDArray[np.float32], Array]:
+    """(N, 4) points to those that the left picture may show, (M, 3) float32, in their order, and their (M, 3) u, v and
+    disparity [px].
 
     margin: how far outside the picture still counts [px]. nearest: least distance ahead [m].
     """
-    width, height, f, cx, cy, _ = camera
+    width, height, f, cx, cy, fb = camera
     found = np.empty((len(scan), 3), np.float32)
+    seen = np.empty((len(scan), 3))
     count = 0
     for i in range(len(scan)):
         x, y, z = float(scan[i, 0]), float(scan[i, 1]), float(scan[i, 2])
         ahead = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        if ahead <= nearest:
+        if not ahead > nearest:
             continue
         side = f * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) + cx * ahead
         down = f * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) + cy * ahead
@@ -38,8 +40,22 @@ def in_view(
             and -margin * ahead < down < (height + margin) * ahead
         ):
             found[count, 0], found[count, 1], found[count, 2] = x, y, z
+            seen[count, 0], seen[count, 1], seen[count, 2] = side / ahead, down / ahead, fb / ahead
             count += 1
-    return found[:count].copy()
+    return found[:count].copy(), seen[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def neighbours_share_beams(points: NDArray[np.float32], tilt: float) -> bool:
+    """Whether most of (M, 3) points have the elevation (sine, within `tilt`) of the one before them."""
+    same, before = 0, 0.0
+    for i in range(len(points)):
+        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        rise = z / math.sqrt(x * x + y * y + z * z)
+        if i > 0 and abs(rise - before) < tilt:
+            same += 1
+        before = rise
+    return 2 * same > len(points) - 1
 
 
 @njit(cache=True, nogil=True)
@@ -184,39 +200,43 @@ def patches(
     found = np.empty((rows * columns, 5))
     count = 0
     half = 0.5 * (size - 1)
-    H, g = np.empty((3, 3)), np.empty(3)
     for r in range(rows):
         for c in range(columns):
-            H[:] = 0.0
-            g[:] = 0.0
-            squares = 0.0
+            n = sx = sy = sxx = sxy = syy = sd = sdx = sdy = squares = 0.0
             for i in range(size):
                 for j in range(size):
                     d = float(disparity[r * size + i, c * size + j])
                     if not d > least:
                         continue
                     x, y = j - half, i - half
-                    H[0, 0] += 1.0
-                    H[0, 1] += x
-                    H[0, 2] += y
-                    H[1, 1] += x * x
-                    H[1, 2] += x * y
-                    H[2, 2] += y * y
-                    g[0] += d
-                    g[1] += d * x
-                    g[2] += d * y
+                    n += 1.0
+                    sx += x
+                    sy += y
+                    sxx += x * x
+                    sxy += x * y
+                    syy += y * y
+                    sd += d
+                    sdx += d * x
+                    sdy += d * y
                     squares += d * d
-            if H[0, 0] < max(share * size * size, 6.0):
+            if n < max(share * size * size, 6.0):
                 continue
-            H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
-            plane = np.linalg.solve(H, g)
-            rest = squares - g[0] * plane[0] - g[1] * plane[1] - g[2] * plane[2]
-            if rest > most_rms * most_rms * H[0, 0] or not plane[0] > least:
+            # about the middle of what is known, where the two slopes part from the height (Cramer's rule)
+            mx, my, mean = sx / n, sy / n, sd / n
+            xx, xy, yy = sxx - n * mx * mx, sxy - n * mx * my, syy - n * my * my
+            dx, dy = sdx - n * mx * mean, sdy - n * my * mean
+            determinant = xx * yy - xy * xy
+            if not determinant > 1e-9 * xx * yy:
+                continue
+            along_u, along_v = (dx * yy - dy * xy) / determinant, (dy * xx - dx * xy) / determinant
+            middle = mean - along_u * mx - along_v * my
+            rest = squares - n * mean * mean - dx * along_u - dy * along_v
+            if rest > most_rms * most_rms * n or not middle > least:
                 continue
             found[count, 0] = (c * size + half + 0.5) * step - 0.5
             found[count, 1] = (r * size + half + 0.5) * step - 0.5
-            found[count, 2] = plane[0]
-            found[count, 3], found[count, 4] = plane[1] / step, plane[2] / step
+            found[count, 2] = middle
+            found[count, 3], found[count, 4] = along_u / step, along_v / step
             count += 1
     return found[:count].copy()
 

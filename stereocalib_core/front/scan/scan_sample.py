@@ -17,36 +17,30 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import ScanSampleConfig
 from stereocalib_core.front.scan import sample_kernels as kernels
+from stereocalib_core.front.scan.view import ScanView
 from stereocalib_core.geometry import Array, Extrinsics, StereoCamera, image_to_road, invert_transform
 from stereocalib_core.results import DisparityMap, ScanSample
 
 
 def sample_scan(
-    scan: NDArray[np.float32],
+    view: ScanView,
     left: NDArray[np.uint8],
     disparity: DisparityMap,
     camera: StereoCamera,
-    T_camera_lidar: Array,
     road: Extrinsics | None,
     config: ScanSampleConfig,
     sweep: float | None = None,
 ) -> ScanSample:
-    """One scan (N, 4) float32 x y z [m] and intensity, and the left picture (H, W) with its disparity.
+    """One scan, as far as the left picture (H, W) may show it, and that picture with its disparity.
 
-    T_camera_lidar: (4, 4) as calibrated; chooses what may be seen. road: what lies on it is no surface to compare,
-    since the road has a comparison of its own; None = not known.
+    road: what lies on it is no surface to compare, since the road has a comparison of its own; None = not known.
     sweep: as `StereoFrame.lidar_sweep`.
     """
-    lens = (
-        *(float(camera.width), float(camera.height), camera.focal_px, camera.cx_px, camera.cy_px),
-        camera.focal_px * camera.baseline_m,
-    )
-    T = np.ascontiguousarray(T_camera_lidar, dtype=np.float64)
-    margin, gap = config.margin * camera.width, float(np.deg2rad(config.beam_step_deg))
+    T, gap = view.T_camera_lidar, float(np.deg2rad(config.beam_step_deg))
     jump, least = (config.jump_px, config.jump_share), config.least_disparity_px
-    seen = kernels.in_view(np.ascontiguousarray(scan), T, lens, margin, config.least_range_m)
-    seen = beam_after_beam(seen, config)
-    edges = kernels.beam_edges(seen, T, lens[-1], least, jump, gap, config.beam_tilt)
+    seen = beam_after_beam(view.points, config)
+    focal_baseline = camera.focal_px * camera.baseline_m
+    edges = kernels.beam_edges(seen, T, focal_baseline, least, jump, gap, config.beam_tilt)
     points = kernels.smooth_points(seen, config.straight_m, gap, config.point_every)
     step = disparity.step_px
     broken = kernels.picture_edges(
@@ -78,9 +72,9 @@ def beam_after_beam(points: NDArray[np.float32], config: ScanSampleConfig) -> ND
 
     Drivers that write a cloud firing by firing put one point of every beam in a row; beams are then told by elevation.
     """
-    rise = points[:, 2] / np.linalg.norm(points, axis=1)
-    if len(points) < 2 or np.mean(np.abs(np.diff(rise)) < config.beam_tilt) > 0.5:
+    if len(points) < 2 or kernels.neighbours_share_beams(points, config.beam_tilt):
         return points
+    rise = points[:, 2] / np.linalg.norm(points, axis=1)
     beam = np.round(rise / config.beam_tilt).astype(np.int64)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     return np.ascontiguousarray(points[np.lexsort((azimuth, beam))])
@@ -104,6 +98,6 @@ def warm_up() -> None:
     axes = np.eye(4)
     axes[:3, :3] = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
     picture = np.tile(np.arange(64, dtype=np.uint8), (48, 1))
-    sample_scan(
-        scan.astype(np.float32), picture, DisparityMap(values, 2), camera, axes, None, ScanSampleConfig()
-    )
+    config = ScanSampleConfig()
+    view = ScanView.of(scan.astype(np.float32), camera, axes, config)
+    sample_scan(view, picture, DisparityMap(values, 2), camera, None, config)

@@ -10,10 +10,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import TracksConfig
+from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.tracks.patches import HALF, match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
-from stereocalib_core.results import DisparityMap
+from stereocalib_core.results import DisparityMap, RectificationSample
 
 
 @dataclass(frozen=True)
@@ -98,10 +99,12 @@ def find_corners(
     disparity: DisparityMap,
     road_known: bool,
     config: TracksConfig | None = None,
+    pair_rows: RectificationSample | None = None,
 ) -> Corners:
     """Corners on and above the road, their disparity refined; left, right (H, W), half_left (H // 2, W // 2).
 
-    `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
+    `road_known` False gives none on the road and takes `extrinsics` as a rough guess. pair_rows: what the pair's rows
+    say of themselves.
     """
     settings = config or TracksConfig()
     rules, patch = settings.corners, settings.patch
@@ -139,8 +142,9 @@ def find_corners(
     offset = camera.disparity_offset_px
     tilt, reach = slopes(p.a, p.b, on_road), rules.search_disparity_px
     matched = match_rows(
-        left, right, uv, expected + offset, tilt, patch.min_correlation, reach, patch.min_contrast
-    )
+        left, right, uv, expected + offset, tilt, rows_down(camera, pair_rows, uv, expected),
+        patch.min_correlation, reach, patch.min_contrast,
+    )  # fmt: skip
     refined = matched - offset
     keep = np.isfinite(refined) & (refined > 1.0) & (~on_road | (np.abs(refined - expected) < tolerance))
     return Corners(uv[keep], refined[keep], on_road[keep])

@@ -261,19 +261,42 @@ def follow(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
+def _cubic(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Weights of four neighbours, t in 0 ... 1 past the second (cubic convolution, Keys 1981)."""
+    return (
+        np.float32(0.5 * t * (-1.0 + t * (2.0 - t))),
+        np.float32(1.0 + 0.5 * t * t * (-5.0 + 3.0 * t)),
+        np.float32(0.5 * t * (1.0 + t * (4.0 - 3.0 * t))),
+        np.float32(0.5 * t * t * (t - 1.0)),
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _row_template(
-    left: Image, u: int, v: int, values: Floats, gradients: Floats
+    left: Image, u: int, v: int, past: float, values: Floats, gradients: Floats
 ) -> tuple[float, float, float]:
-    """Fill the patch around left pixel (u, v), without its mean, and its gradients along u; returns the mean, and the
-    sum of squares of either."""
+    """Fill the patch around column u and row v + past of the left picture, past in 0 ... 1, without its mean, and its
+    gradients along u; returns the mean, and the sum of squares of either. Cubic between rows."""
     n_v, n_u = values.shape
     mean = np.float32(0.0)
     half = np.float32(0.5)
+    w0, w1, w2, w3 = _cubic(past)
+    line = np.empty(n_u + 2, np.float32)
     for r in range(n_v):
-        row = left[v + r - HALF_V, u - HALF_U - 1 : u + HALF_U + 2]
+        columns = slice(u - HALF_U - 1, u + HALF_U + 2)
+        here = left[v + r - HALF_V, columns]
+        if past == 0.0:
+            for c in range(n_u + 2):
+                line[c] = np.float32(here[c])
+        else:
+            above, below = left[v + r - HALF_V - 1, columns], left[v + r - HALF_V + 1, columns]
+            last = left[v + r - HALF_V + 2, columns]
+            for c in range(n_u + 2):
+                value = w0 * np.float32(above[c]) + w1 * np.float32(here[c])
+                line[c] = value + w2 * np.float32(below[c]) + w3 * np.float32(last[c])
         for c in range(n_u):
-            values[r, c] = np.float32(row[c + 1])
-            gradients[r, c] = half * (np.float32(row[c + 2]) - np.float32(row[c]))
+            values[r, c] = line[c + 1]
+            gradients[r, c] = half * (line[c + 2] - line[c])
             mean += values[r, c]
     mean /= np.float32(n_u * n_v)
     squares = steepness = np.float32(0.0)
@@ -323,11 +346,7 @@ def _match_row(
         for r in range(n_v):
             x = u - HALF_U - disparity - slope_v * (r - HALF_V)
             i = int(x)
-            t = x - i
-            w0 = np.float32(0.5 * t * (-1.0 + t * (2.0 - t)))
-            w1 = np.float32(1.0 + 0.5 * t * t * (-5.0 + 3.0 * t))
-            w2 = np.float32(0.5 * t * (1.0 + t * (4.0 - 3.0 * t)))
-            w3 = np.float32(0.5 * t * t * (t - 1.0))
+            w0, w1, w2, w3 = _cubic(x - i)
             row = right[v + r - HALF_V, i - 1 : i + n_u + 2]
             for c in range(n_u):
                 other = w0 * np.float32(row[c]) + w1 * np.float32(row[c + 1]) - off
@@ -357,6 +376,7 @@ def match_rows(
     points: Array,
     guess: Array,
     slopes: Array,
+    down: Array,
     min_correlation: float,
     reach_px: float,
     min_contrast: float,
@@ -364,7 +384,9 @@ def match_rows(
     """(N,) raw disparity u_left - u_right [px] of left points (N, 2), NaN where it is lost.
 
     guess: (N,) within a pixel or two. slopes: (N, 2) d disparity / d u, d v of the surface under the patch.
-    The match is made at the nearest whole pixel and carried to the point along the surface.
+    down: (N,) [px] right row minus left row, where the rows of the pair are not true. Along rows that part, a slanted
+    edge is found elsewhere than it is, and lines that run towards the vanishing point are slanted alike.
+    The match is made at the nearest whole pixel of the right row and carried to the point along the surface.
     """
     result = np.full(len(points), np.nan)
     height, width = left.shape
@@ -372,16 +394,22 @@ def match_rows(
     gradients = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1), np.float32)
     for k in range(len(points)):
         # NaN or infinity is no place in a picture
-        if not np.isfinite(points[k, 0] + points[k, 1] + guess[k] + slopes[k, 0] + slopes[k, 1]):
+        sound = points[k, 0] + points[k, 1] + guess[k] + slopes[k, 0] + slopes[k, 1] + down[k]
+        if not np.isfinite(sound):
             continue
-        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1]))
-        if u < HALF_U + 2 or v < HALF_V or u + HALF_U + 2 >= width or v + HALF_V >= height:
+        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1] + down[k]))
+        # the left picture is read between its rows, once, so that the right one is read along its own
+        there = v - down[k]
+        first = int(np.floor(there))
+        past = there - first
+        highest, lowest = (v, v) if past == 0.0 else (min(v, first - 1), max(v, first + 2))
+        if u < HALF_U + 2 or u + HALF_U + 2 >= width or highest < HALF_V or lowest + HALF_V >= height:
             continue
-        sums = _row_template(left, u, v, values, gradients)
+        sums = _row_template(left, u, first, past, values, gradients)
         _, squares, steepness = sums
         if squares < values.size * min_contrast**2 or steepness < values.size:
             continue
-        carry = slopes[k, 0] * (points[k, 0] - u) + slopes[k, 1] * (points[k, 1] - v)
+        carry = slopes[k, 0] * (points[k, 0] - u) + slopes[k, 1] * (points[k, 1] - there)
         start = guess[k] - carry
         disparity, correlation = _match_row(
             right, u, v, start, slopes[k, 1], values, gradients, sums, min_contrast

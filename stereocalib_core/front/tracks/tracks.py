@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import OdometryConfig, TracksConfig
+from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
 from stereocalib_core.front.tracks.patches import follow, match_rows
@@ -22,7 +23,7 @@ from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-from stereocalib_core.results import DisparityMap, Tracks
+from stereocalib_core.results import DisparityMap, RectificationSample, Tracks
 
 Image = NDArray[np.uint8]
 
@@ -35,7 +36,8 @@ class PairView:
     """What the tracker sees of one stereo pair.
 
     left, right: (H, W) uint8. disparity: the pair's own. extrinsics: the pair's own road, or where it shows
-    none (`road_known` False) the last known or nominal one.
+    none (`road_known` False) the last known or nominal one. rows: what the pair's rows say of themselves; matches are
+    looked for along rows as they are. None = not measured, and taken for true.
     """
 
     index: int
@@ -44,6 +46,7 @@ class PairView:
     disparity: DisparityMap
     extrinsics: Extrinsics
     road_known: bool = True
+    rows: RectificationSample | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,8 @@ def advance(
     half = halve(view.left)
     pyramid = (view.left, half, halve(half))
     corners = find_corners(
-        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known, config
+        *(camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known),
+        *(config, view.rows),
     )
     tracks: Tracks | None = None
     motion: Array | None = None
@@ -211,7 +215,7 @@ def _finish(
     tilt = slopes(plane.a, plane.b, on_road)
     patch = config.patch
     matched = match_rows(
-        view.left, view.right, points, expected + offset, tilt,
+        view.left, view.right, points, expected + offset, tilt, rows_down(camera, view.rows, points, expected),
         patch.min_correlation, config.reach_px, patch.min_contrast,
     )  # fmt: skip
     disparity = matched - offset

@@ -11,6 +11,7 @@ import pytest
 
 from stereocalib_core.config import PipelineConfig, ScanSampleConfig
 from stereocalib_core.front.scan.scan_sample import beam_after_beam, sample_scan
+from stereocalib_core.front.scan.view import ScanView
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.results import DisparityMap, ScanSample
 
@@ -47,8 +48,12 @@ def pictures() -> tuple[np.ndarray, DisparityMap]:
     return picture, DisparityMap(np.tile(values, (CAMERA.height // 2, 1)).astype(np.float32), 2)
 
 
+def viewed(scan: np.ndarray) -> ScanView:
+    return ScanView.of(scan, CAMERA, T_CAMERA_LIDAR, CONFIG)
+
+
 def sampled(scan: np.ndarray, road: Extrinsics | None = None) -> ScanSample:
-    return sample_scan(scan, *pictures(), CAMERA, T_CAMERA_LIDAR, road, CONFIG)
+    return sample_scan(viewed(scan), *pictures(), CAMERA, road, CONFIG)
 
 
 def test_beam_edges_lie_within_half_a_step_of_the_box_on_the_right_side() -> None:
@@ -85,7 +90,7 @@ def test_surfaces_are_planes_with_their_slope_and_points_are_off_edges() -> None
     slanted = dataclasses.replace(
         flat, values=flat.values * 0 + 20.0 + 0.01 * np.arange(320, dtype=np.float32) * 2
     )
-    patches = sample_scan(scan_of_box(), pictures()[0], slanted, CAMERA, T_CAMERA_LIDAR, None, CONFIG).patches
+    patches = sample_scan(viewed(scan_of_box()), pictures()[0], slanted, CAMERA, None, CONFIG).patches
     np.testing.assert_allclose(patches[:, 3], 0.01, atol=1e-4)
     np.testing.assert_allclose(patches[:, 2], 20.0 + 0.01 * (patches[:, 0] - 0.5), atol=0.02)
 
@@ -112,7 +117,7 @@ def test_an_empty_scan_and_a_blank_map_give_nothing() -> None:
     assert len(sample.beam_edges) == 0 and len(sample.points) == 0
     picture, flat = pictures()
     blank = dataclasses.replace(flat, values=np.full_like(flat.values, np.nan))
-    sample = sample_scan(scan_of_box(), picture, blank, CAMERA, T_CAMERA_LIDAR, None, CONFIG)
+    sample = sample_scan(viewed(scan_of_box()), picture, blank, CAMERA, None, CONFIG)
     assert len(sample.picture_edges) == 0 and len(sample.patches) == 0 and len(sample.beam_edges) > 0
 
 
@@ -188,10 +193,10 @@ def test_a_scan_takes_little_time(real) -> None:  # type: ignore[no-untyped-def]
     times = []
     for _ in range(20):
         began = time.thread_time()
+        view = ScanView.of(frames[0].lidar, source.camera, source.T_camera_lidar, config.scan_sample)
         sample_scan(
-            frames[0].lidar, frames[0].left, disparity, source.camera, source.T_camera_lidar,
-            results[0].road.extrinsics, config.scan_sample,
-        )  # fmt: skip
+            *(view, frames[0].left, disparity, source.camera, results[0].road.extrinsics, config.scan_sample)
+        )
         times.append(time.thread_time() - began)
     # 2.5 ms on the reference machine; five times that, since others may be at work on it
     assert min(times) < 0.0125
