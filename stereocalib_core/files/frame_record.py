@@ -87,7 +87,10 @@ def pack(done: Done) -> bytes:
         else [arrays.put(sample.values), arrays.put(sample.covariance), sample.matches, sample.keystone_rad],
         "tracks": None
         if tracks is None
-        else [arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous],
+        else [
+            *(arrays.put(tracks.points), arrays.put(tracks.on_road), tracks.previous),
+            None if tracks.lean is None else arrays.put(tracks.lean),
+        ],
         "checks": [asdict(check) for check in r.checks],
         "timing_ms": dict(r.timing_ms),
         "lidar": None
@@ -142,9 +145,12 @@ def _check(stored: dict[str, Any]) -> Check:
 
 def _tracks(arrays: _Arrays, stored: Sequence[Any], shelf: Shelf | None) -> Tracks:
     points, on_road = arrays.get(stored[0]), arrays.get(stored[1])
+    # runs of earlier versions have no lean
+    lean = None if len(stored) < 4 or stored[3] is None else arrays.get(stored[3])
     if shelf is not None:
         points, on_road = shelf.put(points), shelf.put(on_road)
-    return Tracks(points, on_road, stored[2])
+        lean = None if lean is None else shelf.put(lean)
+    return Tracks(points, on_road, stored[2], lean)
 
 
 def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:

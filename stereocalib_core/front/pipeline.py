@@ -33,14 +33,7 @@ from stereocalib_core.front.scan.view import ScanView
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import (
-    Check,
-    FrameResult,
-    FrontEndMemory,
-    RectificationSample,
-    RoadEstimate,
-    Tracks,
-)
+from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
 
 AHEAD = 2
 """So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
@@ -179,7 +172,7 @@ class FrontEnd:
             )  # fmt: skip
             return Look(failed, road)
         began = time.perf_counter()
-        tracks = self._track(frame.index, left, right, road, sample)
+        tracks = self._track(frame.index, left, right, road)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
         began = time.perf_counter()
         estimate, ahead = self._bent(road)
@@ -270,15 +263,13 @@ class FrontEnd:
             FailureReason.FROZEN, f"the {'left' if same[0] else 'right'} camera repeats its last picture"
         )
 
-    def _track(
-        self, index: int, left: Grey, right: Grey, road: RoadResult, rows: RectificationSample | None
-    ) -> Tracks | None:
+    def _track(self, index: int, left: Grey, right: Grey, road: RoadResult) -> Tracks | None:
         if road.matched is None:
             return None
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
             self._past.append(self._road)
-        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None, rows)
+        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
         self._carry(self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
@@ -331,8 +322,7 @@ class FrontEnd:
         disparity = prepared.begun.matched
         assert disparity is not None
         view = PairView(
-            *(frame.index, frame.left, frame.right, disparity, self._standing),
-            *(result.road is not None, prepared.examined.sample),
+            frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
         )
         self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
 

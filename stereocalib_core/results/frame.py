@@ -118,11 +118,14 @@ class Tracks:
         disparities are geometric (offset removed), NaN where the left-right match was lost.
     on_road: (N,) bool, True for points of the measured road, False for points above it.
     previous: index of the previous frame of the pair.
+    lean: (N, 2) float32 in the previous pair and in this one: by so much a disparity is read too small for every pixel
+        that the right picture's row lies lower than the left one's. None = not known, taken for zero.
     """
 
     points: NDArray[np.float32]
     on_road: NDArray[np.bool_]
     previous: int
+    lean: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.points)

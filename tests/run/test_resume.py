@@ -74,7 +74,10 @@ def finished(index: int) -> Done:
         1 / 7,
         17,
         RectificationSample(rng.normal(size=3), covariance, 5, 0.1),
-        Tracks(rng.normal(size=(9, 6)).astype(np.float32), rng.random(9) > 0.5, index - 1),
+        Tracks(
+            *(rng.normal(size=(9, 6)).astype(np.float32), rng.random(9) > 0.5, index - 1),
+            rng.normal(size=(9, 2)).astype(np.float32),
+        ),
         (Check("road", "slope", 0.1, None, 3.0, "px"),),
         MappingProxyType({"disparity": 12.5}),
         RoadResidual(rng.normal(size=3), covariance, 4321),

@@ -31,6 +31,6 @@ def _warm_up_pair() -> None:
     from stereocalib_core.config import PairConfig
     from stereocalib_core.geometry import StereoCamera
 
-    rays = np.random.default_rng(0).uniform(0.05, 0.3, (6, 40))
+    rays = np.random.default_rng(0).uniform(0.05, 0.3, (8, 40))
     tracks = StereoTracks(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5), rays, np.array([0, 0, 40]))
     solve_yaw(tracks, np.zeros((2, 7)), np.array([False, True]), (0.0, 0.0), PairConfig())

@@ -19,7 +19,7 @@ from stereocalib_core.config import PairConfig
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import in_chunks
-from stereocalib_core.results import FrameResult, Pair, PairCorrection, Tracks
+from stereocalib_core.results import FrameResult, Pair, PairCorrection
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,10 @@ def _mended(camera: StereoCamera, result: FrameResult, c: PairCorrection) -> Fra
         road = dataclasses.replace(road, extrinsics=extrinsics)
     if tracks is not None and len(tracks):
         points = tracks.points.astype(np.float64)
-        for first in (0, 3):
-            points[:, first + 2] += _missing(camera, points[:, first : first + 3], c)
-        tracks = Tracks(points.astype(np.float32), tracks.on_road, tracks.previous)
+        lean = np.zeros((len(points), 2)) if tracks.lean is None else tracks.lean.astype(np.float64)
+        for k, first in enumerate((0, 3)):
+            points[:, first + 2] += _missing(camera, points[:, first : first + 3], lean[:, k], c)
+        tracks = dataclasses.replace(tracks, points=points.astype(np.float32))
     return dataclasses.replace(result, road=road, tracks=tracks, lidar=lidar)
 
 
@@ -133,9 +134,11 @@ def _three(e: Extrinsics) -> Array:
     return np.array([e.height_m, e.pitch_rad, e.roll_rad])
 
 
-def _missing(camera: StereoCamera, seen: Array, c: PairCorrection) -> Array:
-    """(N,) [px] what the turn of the right camera took from the disparities of (N, 3) u, v, disparity."""
+def _missing(camera: StereoCamera, seen: Array, lean: Array, c: PairCorrection) -> Array:
+    """(N,) [px] what the turn of the right camera took from the disparities of (N, 3) u, v, disparity, which the
+    match leans by (N,) `Tracks.lean`."""
     f = camera.focal_px
     x = (seen[:, 0] - camera.cx_px - seen[:, 2]) / f
     y = (seen[:, 1] - camera.cy_px) / f
-    return np.asarray(f * (c.yaw_rad * (1.0 + x * x) - c.roll_rad * y - c.pitch_rad * x * y))
+    down = c.yaw_rad * x * y + c.roll_rad * x
+    return np.asarray(f * (c.yaw_rad * (1.0 + x * x) - c.roll_rad * y - c.pitch_rad * x * y + lean * down))

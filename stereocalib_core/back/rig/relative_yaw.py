@@ -39,7 +39,8 @@ CHI2_MEDIAN = 2.366
 class StereoTracks:
     """All points of a drive that were seen in both pictures of two frames, in the units of the kernels.
 
-    rays: (6, M) x, y, disparity in the frame before, then in this one, all over the focal length.
+    rays: (8, M) x, y, disparity in the frame before, then in this one, all over the focal length, and how the match of
+    either leans (`Tracks.lean`).
     start: (N + 1,) the points of pair i, which ends in frame i, are start[i] ... start[i + 1].
     """
 
@@ -108,12 +109,14 @@ def stereo_tracks(camera: StereoCamera, results: Sequence[FrameResult]) -> Stere
         start[i + 1] = start[i]
         if result.tracks is not None and len(result.tracks):
             start[i + 1] += np.count_nonzero(np.isfinite(result.tracks.points).all(axis=1))
-    rays = roomy((6, int(start[-1])))
+    rays = roomy((8, int(start[-1])))
     centre = np.array([camera.cx_px, camera.cy_px, 0.0] * 2)[:, None]
     for i, result in enumerate(results):
         if result.tracks is not None and start[i + 1] > start[i]:
-            points = result.tracks.points[np.isfinite(result.tracks.points).all(axis=1)]
-            rays[:, start[i] : start[i + 1]] = (points.astype(np.float64).T - centre) / camera.focal_px
+            known = np.isfinite(result.tracks.points).all(axis=1)
+            points, lean = result.tracks.points[known], result.tracks.lean
+            rays[:6, start[i] : start[i + 1]] = (points.astype(np.float64).T - centre) / camera.focal_px
+            rays[6:, start[i] : start[i + 1]] = 0.0 if lean is None else lean[known].T
             if i % MOST_AT_ONCE == 0:
                 let_go(rays, result.tracks.points)
     let_go(rays)

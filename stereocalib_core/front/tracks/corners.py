@@ -10,11 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import TracksConfig
-from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.tracks.patches import HALF, match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
-from stereocalib_core.results import DisparityMap, RectificationSample
+from stereocalib_core.results import DisparityMap
 
 
 @dataclass(frozen=True)
@@ -99,12 +98,10 @@ def find_corners(
     disparity: DisparityMap,
     road_known: bool,
     config: TracksConfig | None = None,
-    pair_rows: RectificationSample | None = None,
 ) -> Corners:
     """Corners on and above the road, their disparity refined; left, right (H, W), half_left (H // 2, W // 2).
 
-    `road_known` False gives none on the road and takes `extrinsics` as a rough guess. pair_rows: what the pair's rows
-    say of themselves.
+    `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
     """
     settings = config or TracksConfig()
     rules, patch = settings.corners, settings.patch
@@ -142,9 +139,16 @@ def find_corners(
     offset = camera.disparity_offset_px
     tilt, reach = slopes(p.a, p.b, on_road), rules.search_disparity_px
     matched = match_rows(
-        left, right, uv, expected + offset, tilt, rows_down(camera, pair_rows, uv, expected),
-        patch.min_correlation, reach, patch.min_contrast,
-    )  # fmt: skip
+        left,
+        right,
+        uv,
+        expected + offset,
+        tilt,
+        np.zeros(len(uv)),
+        patch.min_correlation,
+        reach,
+        patch.min_contrast,
+    )
     refined = matched - offset
     keep = np.isfinite(refined) & (refined > 1.0) & (~on_road | (np.abs(refined - expected) < tolerance))
     return Corners(uv[keep], refined[keep], on_road[keep])

@@ -385,7 +385,7 @@ def match_rows(
 
     guess: (N,) within a pixel or two. slopes: (N, 2) d disparity / d u, d v of the surface under the patch.
     down: (N,) [px] right row minus left row, where the rows of the pair are not true. Along rows that part, a slanted
-    edge is found elsewhere than it is, and lines that run towards the vanishing point are slanted alike.
+    edge is found elsewhere than it is (`row_leans`), and lines that run towards the vanishing point slant alike.
     The match is made at the nearest whole pixel of the right row and carried to the point along the surface.
     """
     result = np.full(len(points), np.nan)
@@ -416,4 +416,33 @@ def match_rows(
         )
         if correlation >= min_correlation and abs(disparity - start) < reach_px:
             result[k] = disparity + carry
+    return result
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def row_leans(left: Image, points: Array) -> Array:
+    """(N,) [px/px] how `match_rows` misreads points (N, 2) where the rows of the pair are not true.
+
+    A right picture whose rows lie lower by a small `down` than the match takes them to shows the patch L as L(v - down)
+    along the row that is read. Least squares over the patch then find a disparity that is less by down times
+    sum(L_u L_v) / sum(L_u^2): nothing for upright edges, and their slope for slanted ones.
+    """
+    result = np.zeros(len(points))
+    height, width = left.shape
+    for k in range(len(points)):
+        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1]))
+        if u <= HALF_U or v <= HALF_V or u + HALF_U + 1 >= width or v + HALF_V + 1 >= height:
+            continue
+        steep = both = np.float32(0.0)
+        for r in range(-HALF_V, HALF_V + 1):
+            above = left[v + r - 1, u - HALF_U : u + HALF_U + 1]
+            here = left[v + r, u - HALF_U - 1 : u + HALF_U + 2]
+            below = left[v + r + 1, u - HALF_U : u + HALF_U + 1]
+            for c in range(2 * HALF_U + 1):
+                x = np.float32(here[c + 2]) - np.float32(here[c])
+                y = np.float32(below[c]) - np.float32(above[c])
+                steep += x * x
+                both += x * y
+        if steep > 0.0:
+            result[k] = both / steep
     return result

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import OdometryConfig, TracksConfig
-from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
-from stereocalib_core.front.tracks.patches import follow, match_rows
+from stereocalib_core.front.tracks.patches import follow, match_rows, row_leans
 from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-from stereocalib_core.results import DisparityMap, RectificationSample, Tracks
+from stereocalib_core.results import DisparityMap, Tracks
 
 Image = NDArray[np.uint8]
 
@@ -36,8 +35,7 @@ class PairView:
     """What the tracker sees of one stereo pair.
 
     left, right: (H, W) uint8. disparity: the pair's own. extrinsics: the pair's own road, or where it shows
-    none (`road_known` False) the last known or nominal one. rows: what the pair's rows say of themselves; matches are
-    looked for along rows as they are. None = not measured, and taken for true.
+    none (`road_known` False) the last known or nominal one.
     """
 
     index: int
@@ -46,7 +44,6 @@ class PairView:
     disparity: DisparityMap
     extrinsics: Extrinsics
     road_known: bool = True
-    rows: RectificationSample | None = None
 
 
 @dataclass(frozen=True)
@@ -70,8 +67,7 @@ def advance(
     half = halve(view.left)
     pyramid = (view.left, half, halve(half))
     corners = find_corners(
-        *(camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known),
-        *(config, view.rows),
+        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known, config
     )
     tracks: Tracks | None = None
     motion: Array | None = None
@@ -215,10 +211,16 @@ def _finish(
     tilt = slopes(plane.a, plane.b, on_road)
     patch = config.patch
     matched = match_rows(
-        view.left, view.right, points, expected + offset, tilt, rows_down(camera, view.rows, points, expected),
+        view.left, view.right, points, expected + offset, tilt, np.zeros(len(points)),
         patch.min_correlation, config.reach_px, patch.min_contrast,
     )  # fmt: skip
     disparity = matched - offset
     good = np.abs(disparity - expected) < config.disparity_tolerance_px
     rows = np.column_stack([corners.points[pick], corners.disparity[pick], points, disparity])
-    return Tracks(rows[good].astype(np.float32), on_road[good], state.view.index)
+    rows = rows[good]
+    lean = [
+        row_leans(picture, rows[:, k : k + 2].copy()) for picture, k in ((state.view.left, 0), (view.left, 3))
+    ]
+    return Tracks(
+        rows.astype(np.float32), on_road[good], state.view.index, np.stack(lean, axis=1).astype(np.float32)
+    )

@@ -31,7 +31,7 @@ def _results(*yaws_deg: float, pairs: int = 30, noise_px: float = 0.1) -> list[F
     found: list[FrameResult] = []
     for yaw in yaws_deg:
         part = simulate(yaw, pairs=pairs, noise_px=noise_px).tracks
-        points = part.rays.T * CAMERA.focal_px + [CAMERA.cx_px, CAMERA.cy_px, 0.0] * 2
+        points = part.rays[:6].T * CAMERA.focal_px + [CAMERA.cx_px, CAMERA.cy_px, 0.0] * 2
         for i in range(len(part)):
             index, rows = len(found), points[part.start[i] : part.start[i + 1]].astype(np.float32)
             tracks = Tracks(rows, np.zeros(len(rows), bool), index - 1) if len(rows) else None

@@ -144,3 +144,21 @@ def test_halves_and_thirds_are_those_of_their_pairs() -> None:
     odd = dataclasses.replace(drive, active=drive.active & (np.arange(61) % 2 == 1)).measured()
     assert odd.yaw_rad == pytest.approx(found.halves[0], abs=np.deg2rad(2e-4))
     assert np.mean(found.thirds) == pytest.approx(found.yaw_rad, abs=np.deg2rad(5e-4))
+
+
+def test_what_a_match_along_untrue_rows_leans_by_is_no_yaw() -> None:
+    bent = simulate(0.3, noise_px=0.02)
+    x, y = bent.tracks.rays[0] - bent.tracks.rays[2], bent.tracks.rays[1]
+    x_now, y_now = bent.tracks.rays[3] - bent.tracks.rays[5], bent.tracks.rays[4]
+    rays = bent.tracks.rays.copy()
+    # every edge runs to the vanishing point, so that it leans by -x / y where rows part by yaw x y
+    for k, (a, b) in enumerate(((x, y), (x_now, y_now))):
+        rays[6 + k] = np.clip(a / np.where(np.abs(b) > 0.02, b, 0.02), -1.0, 1.0)
+        rays[2 + 3 * k] -= rays[6 + k] * np.deg2rad(0.3) * a * b
+    known = dataclasses.replace(bent, tracks=dataclasses.replace(bent.tracks, rays=rays)).measured()
+    rays = rays.copy()
+    rays[6:] = 0.0
+    unknown = dataclasses.replace(bent, tracks=dataclasses.replace(bent.tracks, rays=rays)).measured()
+    right = bent.measured().yaw_rad
+    assert abs(known.yaw_rad - right) < np.deg2rad(0.002)
+    assert abs(unknown.yaw_rad - right) > np.deg2rad(0.005)

@@ -8,7 +8,7 @@ import numpy as np
 from stereocalib_core.config.pair import ScanDisparityConfig
 from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.scan.scan_disparity import surfaces
-from stereocalib_core.front.tracks.patches import HALF_V, match_rows
+from stereocalib_core.front.tracks.patches import HALF_V, match_rows, row_leans
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import RectificationSample
 
@@ -55,6 +55,14 @@ def test_a_slanted_edge_is_found_where_it_is_along_rows_as_they_are() -> None:
     assert np.isfinite(matched(rows)).all()
     np.testing.assert_allclose(matched(rows), 0.0, atol=0.03)
     assert np.nanmedian(np.abs(matched(None))) > 0.3
+    # rows that part by a little lean as foretold
+    true = match_rows(left, left, points, 0 * guess, slopes, 0 * guess, 0.75, 3.0, 2.0)
+    apart = match_rows(
+        left, np.roll(left, 1, axis=0), points, 0 * guess, slopes, 0 * guess + 0.7, 0.75, 3.0, 2.0
+    )
+    lean = row_leans(left, points)
+    assert np.median(lean) > 0.5
+    np.testing.assert_allclose(true - apart, 0.3 * lean, atol=0.06)
 
 
 def test_rows_reach_the_border_of_the_picture_and_not_beyond() -> None:
