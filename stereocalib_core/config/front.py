@@ -219,15 +219,17 @@ class DirectConfig:
     min_bend_m: float = 0.0003
     max_bend_m: float = 0.02
     bend_sizes: int = 7
-    """Camber and twist are tried at so many sizes between the smallest and the largest, 1 sigma."""
+    """Camber, twist and bend along the lane are tried at so many sizes between smallest and largest, 1 sigma."""
     bend_reluctance: float = 0.5
     """A size is expected beforehand in proportion to its inverse to this power: most roads are nearly flat."""
     further_bend_m: float = 0.0003
     further_per_twist: float = 1.1
+    further_per_along: float = 1.0
     further_per_roughness: float = 1.0
     further_unseen_m: float = 0.004
     """How large the bends are that are not fitted, 1 sigma: at least the first; more with the fitted twist, with
-    the roughness that is left, and with the share of the lane out of sight (all of it: the last)."""
+    the fitted bend along the lane (as large again: guessed), with the roughness that is left, and with the share of the
+    lane out of sight (all of it: the last)."""
     other_side_rad: float = 0.05
     """1 sigma of roll (2.9 deg) where nothing of the lane that is seen lies on the plane, falling with the cube of that
     share. Physics: roads fall by 2.5 % to either side of their crown (RAS-Q, AASHTO: 2 to 2.5 %), 5 % from one side to

@@ -166,6 +166,10 @@ class RigFilter:
         self._learn(dt, z, np.diag(R))
         scale = np.outer(noise, noise)
         R = R * scale
+        # neighbours that agree say that their own noise is small, and nothing of the error that they share
+        least = np.maximum(noise, 1.0)
+        persistent = persistent * np.outer(least, least)
+        self._part_with(ukf, persistent)
         innovation = z - seen(ukf.x)
         joined = True
         if self._surprise(ukf, z, R) > self.config.gate:
@@ -175,9 +179,7 @@ class RigFilter:
             joined = False
             self._reopen(ukf, innovation)
         self._gated = 0
-        # neighbours that agree say that their own noise is small, and nothing of the error that they share
-        least = np.maximum(noise, 1.0)
-        self._persistent = persistent * np.outer(least, least)
+        self._persistent = persistent
         ukf.update(self._plane(z), R=self._plane_covariance(z, R))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         return self._report(ukf, "updated", joined)
@@ -188,6 +190,17 @@ class RigFilter:
         share = np.array([c.persistent_share, c.persistent_share, c.persistent_roll_share])
         shared, rest = np.sqrt(share), np.sqrt(1.0 - share)
         return np.outer(shared, shared) * covariance, np.outer(rest, rest) * covariance
+
+    def _part_with(self, ukf: _MatrixUKF, persistent: Array) -> None:
+        """A look that is much surer does not share the error of those before: what was learnt by them is as unsure."""
+        ended = np.diag(self._persistent) - self.config.same_road * np.diag(persistent)
+        if not (ended > 0.0).any():
+            return
+        ended = np.maximum(ended, 0.0)
+        ukf.P[:3, :3] += np.diag(ended)
+        self._persistent = self._persistent - np.diag(ended)
+        self._prior = (*self._prior[:2], ukf.P.copy())
+        ukf.refresh()
 
     def _surprise(self, ukf: _MatrixUKF, z: Array, R: Array) -> float:
         """Squared Mahalanobis distance of a measured plane from the predicted one, what a body may do included."""

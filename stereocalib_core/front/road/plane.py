@@ -105,6 +105,8 @@ def fit_direct(
     if as_seen:
         x_m, config = _over_region(x_m, z, config)
     shapes = bends(x_m, z, config)
+    if as_seen:
+        shapes[:, 2] = 0.0  # what bends along the car is another road's crossfall there, and told as such
     J_bends = shapes * px_per_m[:, None]
     J = np.hstack([J_plane, J_bends])
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * height_m)

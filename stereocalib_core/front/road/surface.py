@@ -26,9 +26,9 @@ SLOTS = 3
 
 @dataclass(frozen=True)
 class LaneFit:
-    """solution (5,): change of the plane's parameters, then the bends [m]; covariance (5, 5) from the residuals found.
+    """solution (6,): change of the plane's parameters, then the bends [m]; covariance (6, 6) from the residuals found.
 
-    gain (5, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px].
+    gain (6, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px].
     """
 
     solution: Array
@@ -45,12 +45,16 @@ def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]
 
 
 def bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
-    """(N, 2) height of camber and twist of 1 m at road points."""
-    return bent_square.bends(*_normal(x_m, z_m, config))
+    """(N, 3) height of camber, twist and a bend along the lane of 1 m at road points."""
+    across, along = _normal(x_m, z_m, config)
+    return np.column_stack([bent_square.bends(across, along), along * along - 1.0 / 3.0])
 
 
 def further_bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
-    """(N, 4) height of the bends that are not fitted, per metre of size: along the lane, and the next orders."""
+    """(N, 4) height of the bends that are not fitted, per metre of size: the next orders.
+
+    With what is left of the bend along the lane: a short piece of road shows little of it.
+    """
     return bent_square.further_bends(*_normal(x_m, z_m, config))
 
 
@@ -85,7 +89,7 @@ def _robust_normal(
 
 
 def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> LaneFit:
-    """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 5).
+    """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 6).
 
     Raises LinAlgError when the patches do not fix a plane.
     """
@@ -114,15 +118,16 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
 def unmodelled_covariance(
     fit: LaneFit, px_per_m: Array, further: Array, rough_m: float, unseen: float, config: DirectConfig
 ) -> Array:
-    """(5, 5) of what bends further than the fitted ones do to the solution.
+    """(6, 6) of what bends further than the fitted ones do to the solution.
 
     px_per_m: (N,) pixels of disparity per metre of height. Their size follows from what the lane shows of
     its character: how it twists, how rough it is left, and how much of it (0...1) is out of sight.
     """
-    twist = fit.solution[SLOTS + 1]
+    twist, along = fit.solution[SLOTS + 1 : SLOTS + 3]
     size = np.sqrt(
         config.further_bend_m**2
         + (config.further_per_twist * twist) ** 2
+        + (config.further_per_along * along) ** 2
         + (config.further_per_roughness * rough_m) ** 2
         + (config.further_unseen_m * unseen) ** 2
     )

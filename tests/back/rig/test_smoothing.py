@@ -206,6 +206,23 @@ def test_a_knock_does_not_lock_the_filter_out(knock_deg: float) -> None:
     assert np.rad2deg(rms(filtered.values[304:] - truth[304:])[1]) < 0.02
 
 
+def test_who_comes_out_of_a_junction_is_believed_at_once() -> None:
+    """Thirty frames share an error of roll of 3 deg, and say so; then the lane is seen, and sure."""
+    drive = ride(frames=60, straight=True)
+    sigma = np.tile([0.005, 0.001, np.deg2rad(0.1)], (60, 1))
+    sigma[:30, 2] = np.deg2rad(3.0)
+    z = drive.truth + 0.3 * sigma * np.random.default_rng(8).standard_normal((60, 3))
+    z[:30, 2] = drive.truth[:30, 2] + np.deg2rad(3.0)
+    results = [
+        as_results(z[i : i + 1], np.diag(sigma[i] ** 2), drive.time_s[i : i + 1])[0] for i in range(60)
+    ]
+    for found in filter_drive(results, CAMERA):
+        assert set(found.state) == {"updated"}
+        error = np.rad2deg(np.abs(found.values - drive.truth)[:, 2])
+        assert error[32:].max() < 0.3, error[28:36]
+        assert (error[30:] < 3.0 * np.rad2deg(found.sigma[30:, 2])).all()
+
+
 def test_it_repeats_bit_for_bit() -> None:
     drive = ride(100)
     z, covariance = measure(drive.truth, PAPER)

@@ -131,6 +131,25 @@ def test_patches_that_are_not_the_road_are_rejected() -> None:
     assert np.abs(J[:, :3] @ fit.solution[:3]).max() < 0.2
 
 
+def test_a_lane_that_bends_along_is_not_taken_for_pitch() -> None:
+    """15 mm of sag, seen where patches are dense, near by: a plane alone would follow them."""
+    rng = np.random.default_rng(5)
+    config = DirectConfig()
+    z, x = 4.5 + 15.0 * rng.uniform(0.0, 1.0, 300) ** 2, rng.uniform(-1.7, 1.7, 300)
+    height_m, fb = 1.65, CAMERA.focal_px * CAMERA.baseline_m
+    px_per_m = fb / (height_m * z)
+    shapes = bends(x, z, config)
+    J = np.column_stack([CAMERA.focal_px * height_m / z, CAMERA.focal_px * x / z, np.ones(300)])
+    J = np.hstack([J, shapes * px_per_m[:, None]])
+    offset = rng.normal(0.0, 0.02, 300) + 0.015 * shapes[:, 2] * px_per_m
+    fit = fit_lane(J, offset, np.full(300, 0.02**2), config)
+    sigma = np.sqrt(np.diag(fit.covariance))
+    assert fit.solution[5] == pytest.approx(0.015, abs=0.003)
+    assert (np.abs(fit.solution[:3]) < 3.0 * sigma[:3]).all()
+    alone = fit_lane(np.delete(J, 5, axis=1), offset, np.full(300, 0.02**2), config)
+    assert np.abs(J[:, :3] @ fit.solution[:3]).max() < 0.3 * np.abs(J[:, :3] @ alone.solution[:3]).max()
+
+
 def test_direct_with_half_of_the_road_covered() -> None:
     error = _run(True, 16)["direct"]
     assert np.median(np.abs(error[:, 1:]), axis=0) == pytest.approx([0.0, 0.0], abs=0.02)
