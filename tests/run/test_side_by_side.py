@@ -13,14 +13,14 @@ from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import FrameSource, Recording, StereoFrame
 from stereocalib_core.front.pipeline import AHEAD, FrontEnd
 from stereocalib_core.front.road.patches import align
-from stereocalib_core.front.tracks import patches
+from stereocalib_core.front.tracks import patches, row_patches
 from stereocalib_core.results import FrameResult
 from stereocalib_core.run import side_by_side
 from stereocalib_core.run.calibrate import Step, follow
 from stereocalib_core.sources import open_source
 
 FRAMES = 12
-LOOPS = {"follow": patches.follow, "match_rows": patches.match_rows, "align": align}
+LOOPS = {"follow": patches.follow, "match_rows": row_patches.match_rows, "align": align}
 """Those that see pictures."""
 
 

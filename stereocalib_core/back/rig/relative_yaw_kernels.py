@@ -9,7 +9,7 @@ that a point's disparity is its inverse depth. The pair's turn is (yaw, roll, pi
 in `front.rows.self_check`: P_right = Rx(pitch) Rz(roll) Ry(yaw) P. To first order it takes from the disparity
 yaw (1 + x^2) - roll y - pitch x y, with x, y of the point in the right picture; and it moves the rows of the right
 picture down by yaw x y + roll x, of which a match along rows takes `lean` times as much from the disparity
-(`front.tracks.patches.row_leans`). What a pitch moves is left out: it leans both ways, and 0.06 deg, 0.75 px, are
+(`front.tracks.row_patches.row_leans`). What a pitch moves is left out: it leans both ways, and 0.06 deg, 0.75 px, are
 beyond what is linear in it (on a rendered drive the yaw was off by 0.0037 deg with it, by 0.0013 deg without).
 """
 

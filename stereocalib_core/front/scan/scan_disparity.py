@@ -19,7 +19,7 @@ from stereocalib_core.config.pair import ScanDisparityConfig
 from stereocalib_core.config.tracks import PatchConfig
 from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.scan.view import ScanView
-from stereocalib_core.front.tracks.patches import match_rows
+from stereocalib_core.front.tracks.row_patches import match_rows
 from stereocalib_core.geometry import Array, StereoCamera
 from stereocalib_core.results import DisparityMap, RectificationSample
 

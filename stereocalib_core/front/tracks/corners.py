@@ -10,7 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import TracksConfig
-from stereocalib_core.front.tracks.patches import HALF, match_rows
+from stereocalib_core.front.tracks.patches import HALF
+from stereocalib_core.front.tracks.row_patches import match_rows
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
 from stereocalib_core.results import DisparityMap

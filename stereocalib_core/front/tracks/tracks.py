@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from stereocalib_core.config import OdometryConfig, TracksConfig
 from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
-from stereocalib_core.front.tracks.patches import follow, match_rows, row_leans
+from stereocalib_core.front.tracks.patches import follow
+from stereocalib_core.front.tracks.row_patches import match_rows, row_leans
 from stereocalib_core.front.tracks.search import search_motion
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array

@@ -8,7 +8,7 @@ import numpy as np
 from stereocalib_core.config.pair import ScanDisparityConfig
 from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.scan.scan_disparity import surfaces
-from stereocalib_core.front.tracks.patches import HALF_V, match_rows, row_leans
+from stereocalib_core.front.tracks.row_patches import HALF_V, match_rows, row_leans
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import RectificationSample
 
