@@ -14,13 +14,12 @@ from typing import Literal
 
 import numpy as np
 
+from stereocalib_core.config.reading import SAME_AXES_RAD
 from stereocalib_core.geometry import Array, StereoCamera
 
 Model = Literal["pinhole", "fisheye"]
 Size = tuple[int, int]
 PINHOLE_LENGTHS = (4, 5, 8, 12, 14)
-SAME_AXES_RAD = 1e-6
-"""Rotations below this move no pixel of a 16,000 px picture by a fiftieth of a pixel: rounding of a file."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.calibration import StereoCalibration
+from stereocalib_core.config.reading import LATE_S
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import StereoCamera
-
-LATE_S = 1e6
-"""A clock that reads more than eleven days at the first frame counts from elsewhere than this recording."""
 
 
 def epoch_of(first_s: float) -> float:

@@ -24,6 +24,7 @@ from typing import Any, overload
 
 from stereocalib_core import config
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.running import MOST_BYTES_OF_A_RECORD, SYNC_S
 from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files.frame_record import Done, pack, unpack
 from stereocalib_core.geometry import StereoCamera
@@ -34,10 +35,7 @@ from stereocalib_core.results import (
 )
 
 MAGIC = b"stereocalib checkpoint 7\n"
-MAX_RECORD = 64 * 1024 * 1024
 _HEAD = struct.Struct("<II")
-SYNC_S = 1.0
-"""Between two waits for the disk: some milliseconds each, too much for every frame."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +183,7 @@ def _walk(path: Path) -> Iterator[_Record]:
             chain = 0
             while len(head := file.read(_HEAD.size)) == _HEAD.size:
                 length, checksum = _HEAD.unpack(head)
-                payload = file.read(length) if 0 < length <= MAX_RECORD else b""
+                payload = file.read(length) if 0 < length <= MOST_BYTES_OF_A_RECORD else b""
                 if not payload or len(payload) < length:
                     return
                 chain = zlib.crc32(payload, chain)

@@ -27,6 +27,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.running import (
+    DISPARITY_QUALITY,
+    FLUSH_TIMEOUT_S,
+    PICTURE_QUALITY,
+    VIEWER_SETTLE_S,
+    VIEWER_TIMEOUT_S,
+)
 from stereocalib_core.errors import OutputError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.geometry import Extrinsics, StereoCamera, horizon
@@ -34,13 +41,11 @@ from stereocalib_core.results import ANGLES, TO_DEGREES, DisparityMap, Drive, Fr
 
 APPLICATION = "stereocalib"
 AXES = ("height_m", "pitch_deg", "roll_deg")
-PICTURE_QUALITY, DISPARITY_QUALITY = 70, 75
 RAW, FILTERED, BAND = (120, 160, 220), (255, 190, 60), (140, 110, 60)
 PATH_COLOURS = {"autocalibrated": (255, 190, 60), "no_yaw": (90, 200, 120), "no_roll": (200, 100, 220)}
 FAILED, EVENT = "WARN", "INFO"
 VIEWER_PORT = 9876
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
-VIEWER_TIMEOUT_S, VIEWER_SETTLE_S, FLUSH_TIMEOUT_S = 10.0, 2.0, 30.0
 
 
 class Recorder:

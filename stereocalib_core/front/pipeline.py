@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.running import PREPARED_AHEAD
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.car_way import carried_on, curvature_of, heading_of, way_of
@@ -34,10 +35,6 @@ from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
 from stereocalib_core.results import Check, FrameResult, FrontEndMemory, RoadEstimate, Tracks
-
-AHEAD = 2
-"""So many frames can be prepared while one is looked at: two cores are busy when one frame takes longer than others,
-and the road that tells where to match is three frames old."""
 
 
 def _same(a: Grey | None, b: Grey | None) -> bool:
@@ -86,8 +83,8 @@ class Prepared:
 class FrontEnd:
     """Looks at the pixels of each frame once, in order. Keeps the previous pair for the tracks.
 
-    Frames may be prepared ahead, up to `AHEAD` of them while one is looked at: for this, how far and how high to
-    match is taken from the road as it was known `AHEAD` frames earlier, whether somebody prepares ahead or not.
+    Up to `PREPARED_AHEAD` frames may be prepared while one is looked at: for this, how far and how high to
+    match is taken from the road as it was known so many frames earlier, whether somebody prepares ahead or not.
 
     matcher: gives the dense disparity; None = the one that `config` names.
     T_camera_lidar: (4, 4) where frames carry LiDAR scans; without it the scans are left alone.
@@ -110,11 +107,13 @@ class FrontEnd:
         self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
-        self._pasts: deque[Extrinsics | None] = deque([None] * (AHEAD + 1), maxlen=AHEAD + 1)
+        self._pasts: deque[Extrinsics | None] = deque(
+            [None] * (PREPARED_AHEAD + 1), maxlen=PREPARED_AHEAD + 1
+        )
 
     @property
     def pasts(self) -> tuple[Extrinsics | None, ...]:
-        """The roads that the next `AHEAD` + 1 frames are to be prepared with, the next one's first."""
+        """The roads that the next `PREPARED_AHEAD` + 1 frames are to be prepared with, the next one's first."""
         return tuple(self._pasts)
 
     def prepare(self, frame: StereoFrame, past: Extrinsics | None) -> Prepared | None:

@@ -34,7 +34,6 @@ from stereocalib_core.results.frame import (
     estimates,
 )
 from stereocalib_core.results.pair import (
-    REFERENCE_M,
     BendEffects,
     DepthScale,
     Mending,
@@ -48,7 +47,6 @@ from stereocalib_core.results.table import AXES, FrameTable, Spread, column_name
 __all__ = [
     "ANGLES",
     "AXES",
-    "REFERENCE_M",
     "BendEffects",
     "Mending",
     "PairChange",

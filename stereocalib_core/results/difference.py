@@ -6,10 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from stereocalib_core.config.verdicts import SIGNIFICANT_SIGMAS
 from stereocalib_core.results.drive import Drive
 from stereocalib_core.results.frame import Measured
-
-SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)

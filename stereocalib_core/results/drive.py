@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.verdicts import MIN_OK_FRACTION
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results.frame import FrameResult, Measured
 from stereocalib_core.results.pair import Mending, Pair
@@ -24,8 +25,6 @@ Axis = Literal["height", "pitch", "roll", "yaw"]
 
 ANGLES = ("pitch", "roll", "yaw")
 """Axes of which a shift is in radians; of the others, in metres."""
-MIN_OK_FRACTION = 0.5
-"""With fewer frames ok than this share, what a drive says must not be trusted."""
 BEST = "autocalibrated"
 """The path that speaks for the drive: every correction, default model."""
 

@@ -7,16 +7,13 @@ from typing import Literal
 
 import numpy as np
 
+from stereocalib_core.config.verdicts import SURE
 from stereocalib_core.geometry import Array, road_rotation, rotation_y
 from stereocalib_core.results.frame import Measured
 
 Verdict = Literal["good", "suspect", "bad", "not measured"]
 VERDICTS: tuple[Verdict, ...] = ("good", "not measured", "suspect", "bad")
 """From best to worst."""
-SURE = 2.0
-"""Sigmas from which something is mended."""
-REFERENCE_M = 30.0
-"""The depth at which a bend's effect is told."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from typing import Any
 
 from stereocalib_core import config as settings
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.running import RETRIES
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import RESULT_FILES, load_run
@@ -36,7 +37,6 @@ from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
 from stereocalib_core.system import whole_file
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
-RETRIES = 2
 Progress = Callable[[int, int, str], None]
 
 

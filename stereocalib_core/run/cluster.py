@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stereocalib_core.config.running import CLOSE_TIMEOUT_S, CONNECT_TIMEOUT_S, HURRY_S
 from stereocalib_core.errors import ConfigError
-
-CONNECT_TIMEOUT_S = 10
-CLOSE_TIMEOUT_S, HURRY_S = 10.0, 0.4
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.verdicts import SAME_TIME_S
 from stereocalib_core.results import AXES, TO_DEGREES, Drive
 from stereocalib_core.results.difference import (
     AxisDifference,
@@ -19,7 +20,6 @@ from stereocalib_core.results.difference import (
 )
 
 MOUNT_AXES = (*AXES, "yaw_rad")
-SAME_TIME_S = 1e-3
 Rows = NDArray[np.int64]
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core import __version__
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.running import MOST_MENDINGS
 from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files.frame_record import Done
 from stereocalib_core.files.frames_bin import Checkpoint, RunKey, read_checkpoint
@@ -23,7 +24,7 @@ from stereocalib_core.files.run_folder import REPORT, RESULT_FILES, load_run, wr
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
 from stereocalib_core.results import DisparityMap, Drive, FrameResult, Mending, Rig, Tolerance
 from stereocalib_core.run.calibrate import Progress, cut_truth, follow, frame_range, told
-from stereocalib_core.run.self_calibrate import MOST_MENDINGS, mended_by, next_mending, write_mended
+from stereocalib_core.run.self_calibrate import mended_by, next_mending, write_mended
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.calibrations import MENDED
 

@@ -10,12 +10,12 @@ import numpy as np
 from stereocalib_core.back.causes import SEEN
 from stereocalib_core.back.remedies import REMEDIES
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.verdicts import MIN_OK_FRACTION
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.front.rows.lag import lag_of, lags_of, matches_by_lag
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import Cause, Drive, FrameResult
-from stereocalib_core.results.drive import MIN_OK_FRACTION
 
 BLAMED = SEEN | {FailureReason.MISALIGNED}
 """Reasons that pictures of two moments give, none of which says so."""

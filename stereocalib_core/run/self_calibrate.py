@@ -13,9 +13,6 @@ from stereocalib_core.results import Drive, Mending, PairCorrection
 from stereocalib_core.sources.calibrations import MENDED, write_calibration
 from stereocalib_core.sources.mended import mended, mended_calibration
 
-MOST_MENDINGS = 2
-"""Runs after the first: one for the rows where these hide the yaw, one for all."""
-
 
 def next_mending(drive: Drive, applied: Mending | None) -> Mending | None:
     """What to run the drive again with; None where it needs no more, or could not be measured.

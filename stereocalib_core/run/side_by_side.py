@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from stereocalib_core.config.running import READ_AHEAD
 from stereocalib_core.frames import FrameSource, StereoFrame
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.numeric.threads import cores, one_thread_each
@@ -16,10 +17,6 @@ from stereocalib_core.sources import prefetch
 
 if TYPE_CHECKING:
     from stereocalib_core.front.pipeline import FrontEnd, Look, Prepared
-
-
-READ_AHEAD = 4
-"""Frames read beyond those that are being prepared: a disk that falters for a moment keeps nobody waiting."""
 
 
 def looks(

@@ -13,6 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
+from stereocalib_core.config.reading import (
+    MOST_BYTES_OF_A_CALIBRATION,
+    MOST_BYTES_OF_A_LIST,
+    MOST_BYTES_OF_A_PICTURE,
+    MOST_RATIO,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.sources.pictures import PICTURE_SUFFIXES
 from stereocalib_core.system import opening
@@ -21,17 +27,14 @@ DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, OverflowError,
 )  # fmt: skip
 """What reading a damaged, encrypted or unusual zip raises."""
-SMALL, LIST, LARGE = 256 << 10, 64 << 20, 400 << 20
 LIMITS = {
-    **dict.fromkeys(PICTURE_SUFFIXES, LARGE),
-    **dict.fromkeys((".bin", ".pcd", ".npy", ".ply"), LARGE),
-    **dict.fromkeys((".txt", ".csv", ".tum", ".kitti"), LIST),
-    **dict.fromkeys((".yaml", ".yml", ".xml", ".json", ".calib", ".cfg"), SMALL),
+    **dict.fromkeys(PICTURE_SUFFIXES, MOST_BYTES_OF_A_PICTURE),
+    **dict.fromkeys((".bin", ".pcd", ".npy", ".ply"), MOST_BYTES_OF_A_PICTURE),
+    **dict.fromkeys((".txt", ".csv", ".tum", ".kitti"), MOST_BYTES_OF_A_LIST),
+    **dict.fromkeys((".yaml", ".yml", ".xml", ".json", ".calib", ".cfg"), MOST_BYTES_OF_A_CALIBRATION),
 }
 """What a drive is made of, and how large one such file may be: a picture of 64 million pixels with 16 bits and three
 colours, a list of a million rows, a calibration."""
-MOST_RATIO = 200
-"""Text of numbers packs to a fifth, a black picture to a hundredth; a thousandth is a bomb."""
 CHUNK = 1 << 20
 
 

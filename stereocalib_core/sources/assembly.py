@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from stereocalib_core.calibration import StereoCalibration
+from stereocalib_core.config.reading import UNSTATED_FPS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import Array, transform
 from stereocalib_core.sources.calibrations import Found, find_calibration, read_calibration
 from stereocalib_core.sources.calibrations.rectify import Opened, Rectifier, opened
 from stereocalib_core.sources.lidar_scans import with_scan
-from stereocalib_core.sources.lists import KITTI_FPS, frame_times, from_first
+from stereocalib_core.sources.lists import frame_times, from_first
 from stereocalib_core.sources.pairing import PairReader, Pairs, check_usable, content_key
 from stereocalib_core.sources.pictures import PictureFormat, survey
 from stereocalib_core.sources.times import Times
@@ -62,7 +63,7 @@ def recording(parts: Parts) -> Recording:
     where = parts.found.files[0] if parts.found.files else folder
     ready = opened(parts.found.calibration, size, where)
     check_usable(pairs, found, folder)
-    fps = parts.fps or parts.found.calibration.fps or KITTI_FPS
+    fps = parts.fps or parts.found.calibration.fps or UNSTATED_FPS
     times_s, epoch_s, time_notices = frame_times(parts.times, pairs.rows, fps, parts.times_name)
     truth, truth_notices = (None, []) if parts.truth is None else parts.truth(epoch_s + times_s)
     notices = [*pairs.notices, *time_notices, *truth_notices, *parts.notices, *ready.notes]

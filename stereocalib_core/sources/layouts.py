@@ -6,6 +6,7 @@ import os
 from collections import defaultdict
 from pathlib import Path
 
+from stereocalib_core.config.reading import MOST_FOLDERS_OF_A_DRIVE
 from stereocalib_core.sources.pairing import Sides, pictures_in
 from stereocalib_core.sources.sides import camera_number, side_of
 
@@ -16,7 +17,6 @@ HOMES = (
     *("rect", "rectified"),
 )
 """Folders of a drive that hold both cameras. Not any: a folder of many drives is none of them."""
-MOST_FOLDERS = 200
 PAIRS = ((0, 1), (2, 3), (1, 2), (3, 4), (4, 5))
 
 
@@ -36,7 +36,7 @@ def _folders(folder: Path) -> list[Path]:
         names = sorted(e.name for e in os.scandir(folder) if e.is_dir() and not e.name.startswith("."))
     except OSError:
         return []
-    return [folder / name for name in names[:MOST_FOLDERS]]
+    return [folder / name for name in names[:MOST_FOLDERS_OF_A_DRIVE]]
 
 
 def pictures_of(folder: Path) -> tuple[dict[str, Path], Path]:

@@ -11,16 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import FARTHEST_M, LOOKED_AT, MOST_BYTES_OF_A_SCAN, MOST_RINGS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import StereoFrame
 
-MAX_BYTES = 256 * 1024 * 1024
-"""Sixteen million points: a minute of the largest LiDAR."""
 OTHER_SUFFIXES = (".pcd", ".npy", ".ply")
-FARTHEST_M = 1000.0
-"""No LiDAR on a vehicle sees farther: a scan most of whose points lie beyond is in other units, or none."""
-LOOKED_AT = 5
-MOST_RINGS = 256
 
 
 def scans_by_number(folder: Path) -> dict[int, Path]:
@@ -44,7 +39,7 @@ def read_scan(path: Path) -> NDArray[np.float32] | None:
     """(N, 4) float32 x y z [m] and intensity, finite points only; None for a damaged file."""
     try:
         size = path.stat().st_size
-        if size == 0 or size > MAX_BYTES:
+        if size == 0 or size > MOST_BYTES_OF_A_SCAN:
             return None
         if path.suffix.lower() != ".bin":
             from stereocalib_core.boards.cloud_files import (

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import UNSTATED_FPS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import invert_transform
@@ -19,7 +20,6 @@ from stereocalib_core.sources.truth import at_frames, forward_axes, read_poses
 from stereocalib_core.system.tables import read_table
 from stereocalib_core.system.text_file import lines
 
-KITTI_FPS = 10.0
 NO_POSES = "no ground-truth poses: errors are not computed"
 
 
@@ -141,7 +141,7 @@ def _poses(
     T_body_camera: NDArray[np.float64] | None,
 ) -> tuple[NDArray[np.float64] | None, list[str]]:
     given = read_poses(path)
-    times = np.arange(len(rows)) / KITTI_FPS if times_s is None else times_s
+    times = np.arange(len(rows)) / UNSTATED_FPS if times_s is None else times_s
     poses, notices = at_frames(given, times, rows)
     if T_body_camera is not None:
         poses = poses @ T_body_camera

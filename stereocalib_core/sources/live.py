@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-TIMEOUT_S = 5.0
+from stereocalib_core.config.reading import LIVE_TIMEOUT_S
 
 
 class LiveReader:
@@ -50,7 +50,7 @@ class LiveReader:
         Raises IndexError when the device has ended or gives nothing for five seconds.
         """
         with self._news:
-            self._news.wait_for(lambda: self._picture is not None or self._ended, TIMEOUT_S)
+            self._news.wait_for(lambda: self._picture is not None or self._ended, LIVE_TIMEOUT_S)
             if self._picture is None:
                 raise IndexError("the live camera has ended")
             picture, self._picture = self._picture, None

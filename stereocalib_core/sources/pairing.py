@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import MOST_FRAMES
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.sources.pictures import PICTURE_SUFFIXES, PictureFormat, read_side
-
-MAX_FRAMES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,8 @@ def match(sides: Sides, numbered: bool, known: Collection[str] = frozenset()) ->
     notices = how + _unused(stems, used, left, right, left_folder, right_folder)
     if numbered and all(stem.isdecimal() for stem in stems):
         used, rows = _number_every_frame(used)
-    if len(used) > MAX_FRAMES:
-        raise SourceError(f"{len(used)} frames", left_folder, f"split it, at most {MAX_FRAMES} are read")
+    if len(used) > MOST_FRAMES:
+        raise SourceError(f"{len(used)} frames", left_folder, f"split it, at most {MOST_FRAMES} are read")
     lone = [stem for stem in used if (stem in left) != (stem in right)]
     lost = [stem for stem in used if stem not in left and stem not in right]
     for names, text in ((lone, "lack one side"), (lost, "are missing on both sides")):

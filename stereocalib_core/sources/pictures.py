@@ -14,14 +14,12 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_PICTURE, MOST_PIXELS
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.sources.picture_size import jpeg_segments, size_of
 from stereocalib_core.sources.png import DamagedPng, decode_grey8, for_general_decoder
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
-MAX_PIXELS = 64_000_000
-MAX_BYTES = 400 << 20
-"""64 million pixels of three colours with 16 bits."""
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 """A camera on a car does not turn over: an orientation that its files claim is ignored."""
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -67,8 +65,8 @@ def read_bytes(path: Path) -> bytes:
     try:
         with open(path, "rb") as file:
             # what a picture says it needs is read at once; a file that is larger than any picture is not
-            if os.fstat(file.fileno()).st_size > MAX_BYTES:
-                raise UnreadablePicture(f"over {MAX_BYTES >> 20} MB, no picture is that large")
+            if os.fstat(file.fileno()).st_size > MOST_BYTES_OF_A_PICTURE:
+                raise UnreadablePicture(f"over {MOST_BYTES_OF_A_PICTURE >> 20} MB, no picture is that large")
             data = file.read()
     except OSError as error:
         raise UnreadablePicture(error.strerror or "cannot be read") from error
@@ -90,7 +88,7 @@ def check_other(data: bytes, size: tuple[int, int] | None) -> None:
         return
     if size is not None and found != size:
         raise WrongSize(*found)
-    if found[0] * found[1] > MAX_PIXELS:
+    if found[0] * found[1] > MOST_PIXELS:
         raise UnreadablePicture(f"{found[0]}x{found[1]} pixels are too many")
 
 
@@ -104,7 +102,7 @@ def decode(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8
         found = check_png(data)
         if size is not None and found != size:
             raise WrongSize(*found)
-        if found[0] * found[1] > MAX_PIXELS:
+        if found[0] * found[1] > MOST_PIXELS:
             raise UnreadablePicture(f"{found[0]}x{found[1]} pixels are too many")
         try:
             if (grey := decode_grey8(data)) is not None:

@@ -13,24 +13,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import (
+    EPOCHS,
+    LARGEST_FRAME_NUMBER,
+    LONGEST_STEP_S,
+    MOST_BYTES_OF_A_LIST,
+    MOST_ROWS,
+    SHORTEST_STEP_S,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import epoch_of
 from stereocalib_core.system.tables import split_words
 from stereocalib_core.system.text_file import lines, to_number
 
-MAX_BYTES = 64 << 20
-MAX_ROWS = 2_000_000
-"""Two days at ten frames a second: more is no list of frames."""
-SHORTEST_S, LONGEST_S = 5e-4, 5.0
-"""Between two frames: 2,000 a second ... one in five seconds."""
 _DATE = re.compile(
     r"(\d{4})[-/.](\d\d?)[-/.](\d\d?)[ T_](\d\d?)[:.](\d\d)[:.](\d\d)(?:[.,](\d+))?(Z|[+-]\d\d:?\d\d)?"
 )
 UNITS = ((1, "s"), (10**3, "ms"), (10**6, "us"), (10**9, "ns"))
 Stamp = int | float | Fraction
 """As it was written: whole numbers and long decimals exactly."""
-_EPOCHS = {1: (9e8, 5e9), 10**3: (9e11, 5e12), 10**6: (9e14, 5e15), 10**9: (9e17, 5e18)}
-"""What the years 1998 to 2128 are in each unit, counted from 1970."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def read_times(path: Path) -> Times | None:
     rows: list[Stamp | None] = []
     header: list[str] = []
     dated = False
-    for number, line in enumerate(lines(path, MAX_BYTES, "times"), start=1):
+    for number, line in enumerate(lines(path, MOST_BYTES_OF_A_LIST, "times"), start=1):
         text = line.strip()
         if text.startswith(("#", "%", "//")):
             header = header or [word.lower() for word in split_words(text.lstrip("#%/ "))]
@@ -69,8 +70,8 @@ def read_times(path: Path) -> Times | None:
         if not text:
             rows.append(None)
             continue
-        if len(rows) >= MAX_ROWS:
-            raise SourceError("times too long", path, f"at most {MAX_ROWS} rows are read")
+        if len(rows) >= MOST_ROWS:
+            raise SourceError("times too long", path, f"at most {MOST_ROWS} rows are read")
         value, is_date = _value(text, header, number)
         if value is None and not any(row is not None for row in rows):
             header = [word.lower() for word in split_words(text)]
@@ -106,12 +107,12 @@ def _value(text: str, header: list[str], number: int) -> tuple[Stamp | None, boo
         return (numbers[0] if numbers and len(words) > 1 else None), False
     if len(numbers) > 1 and all(isinstance(n, int) for n in numbers[:2]):
         seconds, rest = numbers[:2]
-        if 9e8 < seconds < 5e9 and 0 <= rest < 10**9:
+        if EPOCHS[1][0] < seconds < EPOCHS[1][1] and 0 <= rest < 10**9:
             return int(seconds) * 10**9 + int(rest), False
     if (
         len(numbers) > 1
         and isinstance(numbers[0], int)
-        and numbers[0] < 10**7
+        and numbers[0] < LARGEST_FRAME_NUMBER
         and abs(numbers[0] - number) <= 2
     ):
         return numbers[1], False  # the first column counts the rows
@@ -159,14 +160,14 @@ def _unit(values: list[Stamp], header: list[str]) -> tuple[int, str]:
             return per_second, unit
     first = abs(float(values[0]))
     for per_second, unit in UNITS:
-        low, high = _EPOCHS[per_second]
+        low, high = EPOCHS[per_second]
         if low <= first <= high:
             return per_second, unit
     if len(values) < 2:
         return UNITS[0]
     step = float(np.median(np.abs(np.diff(np.array([float(value - values[0]) for value in values])))))
     for per_second, unit in UNITS:
-        if SHORTEST_S <= step / per_second <= LONGEST_S:
+        if SHORTEST_STEP_S <= step / per_second <= LONGEST_STEP_S:
             return per_second, unit
     return UNITS[0]
 
@@ -189,7 +190,7 @@ def times_in_names(stems: list[str]) -> Times | None:
     if not found or any(b <= a for a, b in zip(found, found[1:], strict=False)):
         return None
     for per_second, _unit_name in UNITS[1:]:
-        low, high = _EPOCHS[per_second]
+        low, high = EPOCHS[per_second]
         if low <= found[0] <= high:
             seconds, epoch_s = since_epoch(found, per_second)
             return Times(seconds, (), epoch_s)

@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import (
+    EPOCHS,
+    LARGEST_FRAME_NUMBER,
+    LONGEST_BRIDGE,
+    MOST_BYTES_OF_A_TABLE,
+    MOST_ROWS,
+    SAME_MOMENT,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array
 from stereocalib_core.system.tables import split_words
 from stereocalib_core.system.text_file import lines
-
-MAX_BYTES = 256 << 20
-MAX_ROWS = 2_000_000
-SAME_MOMENT = 0.01
-"""A pose within this share of the time between two frames is the frame's own and is taken as it stands."""
-LONGEST_BRIDGE = 3.0
-"""Poses are interpolated over at most so many of their own usual steps."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def read_poses(path: Path) -> Poses:
     width = 0
     header = ""
     stamps: list[int | float] = []
-    for number, line in enumerate(lines(path, MAX_BYTES, "pose"), start=1):
+    for number, line in enumerate(lines(path, MOST_BYTES_OF_A_TABLE, "pose"), start=1):
         text = line.strip()
         if not text or text.startswith(("#", "%", "//")):
             header = header or text
@@ -56,8 +57,8 @@ def read_poses(path: Path) -> Poses:
             width = len(values)
             if width not in (8, 12, 13, 16, 17) and not 8 < width <= 20:
                 raise SourceError("bad pose", f"{path}, line {number}", "expected 12 numbers, or 8 as in TUM")
-        if len(stamps) >= MAX_ROWS:
-            raise SourceError("poses too many", path, f"at most {MAX_ROWS} are read")
+        if len(stamps) >= MOST_ROWS:
+            raise SourceError("poses too many", path, f"at most {MOST_ROWS} are read")
         stamps.append(int(words[0]) if re.fullmatch(r"\d{10,20}", words[0]) else values[0])
         rows.extend(values)
     if not width:
@@ -68,7 +69,7 @@ def read_poses(path: Path) -> Poses:
     if width == 16:
         return Poses(_matrices(table[:, :12]))
     numbered = np.all(np.isfinite(table[:, 0])) and np.all(table[:, 0] == np.floor(table[:, 0]))
-    if width in (13, 17) and numbered and table[:, 0].max() < 1e7:
+    if width in (13, 17) and numbered and table[:, 0].max() < LARGEST_FRAME_NUMBER:
         return Poses(_matrices(table[:, 1:13]), frames=table[:, 0].astype(np.int64))
     w_first = _w_first(header, width, path)
     stamps_s = np.array([stamp / _per_second(stamps[0]) for stamp in stamps], dtype=np.float64)
@@ -94,10 +95,7 @@ def _w_first(header: str, width: int, path: Path) -> bool:
 
 
 def _per_second(first: float) -> int:
-    for per_second, low, high in ((10**9, 9e17, 5e18), (10**6, 9e14, 5e15), (10**3, 9e11, 5e12)):
-        if low <= abs(first) <= high:
-            return per_second
-    return 1
+    return next((unit for unit, (low, high) in EPOCHS.items() if low <= abs(first) <= high), 1)
 
 
 def _matrices(rows_12: Array) -> Array:

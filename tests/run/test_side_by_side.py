@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.running import PREPARED_AHEAD, READ_AHEAD
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import FrameSource, Recording, StereoFrame
-from stereocalib_core.front.pipeline import AHEAD, FrontEnd
+from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.front.road.patches import align
 from stereocalib_core.front.tracks import patches, row_patches
 from stereocalib_core.results import FrameResult
@@ -75,7 +76,7 @@ def test_the_same_bits_as_one_after_another(drive: Recording, two_cores: None) -
     assert [bits[1] for bits in expected].count("") == FRAMES - 3
     steps = list(follow(drive, PipelineConfig()))
     assert [_bits(step.done.result) for step in steps] == expected
-    for first in (1, AHEAD, AHEAD + 3, 8):
+    for first in (1, PREPARED_AHEAD, PREPARED_AHEAD + 3, 8):
         earlier = [step.done for step in steps[:first]]
         assert [
             _bits(step.done.result) for step in follow(drive, PipelineConfig(), earlier=earlier)
@@ -138,7 +139,7 @@ def test_closed_early_it_reads_no_more_and_reads_ahead_within_bounds(
     next(steps)
     steps.close()  # type: ignore[attr-defined]
     read = tuple(asked)
-    assert 1 <= len(read) <= 1 + (AHEAD + 1) + side_by_side.READ_AHEAD < FRAMES
+    assert 1 <= len(read) <= 1 + (PREPARED_AHEAD + 1) + READ_AHEAD < FRAMES
     assert read == tuple(range(len(read)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stereocalib_core.config.verdicts import SURE
 from stereocalib_core.results import ANGLES, LidarCheck, LidarShift
 
 AXES = (
@@ -15,8 +16,6 @@ AXES = (
     ("z", "further ahead", "further back"),
 )
 """Each axis with what a LiDAR does that stands otherwise than calibrated, by its sign."""
-SURE = 2.0
-"""Sigmas from which a difference is put into words."""
 
 
 def in_units(axis: str, value: float) -> tuple[float, str, int]:

@@ -27,18 +27,11 @@ from stereocalib_core.back.rig.relative_yaw import (
     stereo_tracks,
 )
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.config.verdicts import REFERENCE_M, SURE
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.results import (
-    REFERENCE_M,
-    BendEffects,
-    DepthScale,
-    FrameResult,
-    Measured,
-    Pair,
-    PairChange,
-)
-from stereocalib_core.results.pair import SURE, Verdict, worst
+from stereocalib_core.results import BendEffects, DepthScale, FrameResult, Measured, Pair, PairChange
+from stereocalib_core.results.pair import Verdict, worst
 
 ZERO = Measured(0.0, 0.0)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stereocalib_core.config.reading import MOST_POSES_OF_A_BAG, UNSTATED_FPS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth, StereoFrame
 from stereocalib_core.geometry import Array, invert_transform, transform
@@ -17,8 +18,6 @@ from stereocalib_core.sources.bags.storages import Entry
 from stereocalib_core.sources.bags.topics import Topics
 from stereocalib_core.sources.lists import NO_POSES, from_first
 from stereocalib_core.sources.truth import forward_axes, interpolated
-
-MOST_POSES = 200_000
 
 
 def entry_ns(entry: Entry) -> int:
@@ -74,7 +73,7 @@ def with_clouds(load: Load, bag: Bag, topic: str, times_s: Array) -> tuple[Load,
     """The same reader with the scan nearest in time, within half of the scans' own period."""
     entries = sorted(bag.entries(topic), key=entry_ns)
     moments = np.array([entry_ns(entry) / 1e9 for entry in entries])
-    period = float(np.median(np.diff(moments))) if len(moments) > 1 else 0.1
+    period = float(np.median(np.diff(moments))) if len(moments) > 1 else 1 / UNSTATED_FPS
     chosen: list[Entry | None] = []
     for time_s in times_s:
         nearest = int(np.argmin(np.abs(moments - time_s))) if len(moments) else -1
@@ -131,7 +130,7 @@ def truth_of(
 
 def _poses(bag: Bag, topic: str, kind: str) -> tuple[Array, Array, str, bool]:
     """Stamps [s], T_world_body (N, 4, 4), the body's frame, and whether they are places without a heading."""
-    entries = bag.entries(topic)[:MOST_POSES]
+    entries = bag.entries(topic)[:MOST_POSES_OF_A_BAG]
     stamps: list[float] = []
     poses: list[Any] = []
     body = ""

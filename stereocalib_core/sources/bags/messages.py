@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.reading import LEAST_WAY_OF_A_COURSE_M, MOST_PIXELS
 from stereocalib_core.geometry import Array, transform
 from stereocalib_core.sources.calibrations.ros import CameraInfo
-from stereocalib_core.sources.pictures import MAX_PIXELS, UnreadablePicture, decode
+from stereocalib_core.sources.pictures import UnreadablePicture, decode
 from stereocalib_core.sources.truth import from_quaternions
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -49,7 +50,7 @@ def picture(message: Any) -> Grey:
     if hasattr(message, "format"):
         return decode(bytes(message.data))
     encoding, width, height = str(message.encoding), int(message.width), int(message.height)
-    if not 0 < width * height <= MAX_PIXELS:
+    if not 0 < width * height <= MOST_PIXELS:
         raise UnreadablePicture(f"{width}x{height} pixels")
     deep = encoding.endswith(("16", "16UC1", "16UC3")) or encoding.startswith("16")
     kind = np.dtype(np.uint16 if deep else np.uint8)
@@ -162,14 +163,14 @@ def _mercator(latitude: Any) -> Any:
     return np.log(np.tan(np.pi / 4 + latitude / 2))
 
 
-def _course(place: Array, least_m: float = 0.5) -> Array:
+def _course(place: Array) -> Array:
     """(N,) heading from north to east [rad] of the way around each place; the last one known while standing."""
     heading = np.full(len(place), np.nan)
     known = np.nonzero(np.isfinite(place).all(axis=1))[0]
     for spot, i in enumerate(known):
         before, after = known[max(spot - 1, 0)], known[min(spot + 1, len(known) - 1)]
         step = place[after] - place[before]
-        if np.hypot(step[0], step[1]) > least_m * 0.1:
+        if np.hypot(step[0], step[1]) > LEAST_WAY_OF_A_COURSE_M:
             heading[i] = np.arctan2(step[0], step[1])
         elif spot > 0:
             heading[i] = heading[known[spot - 1]]

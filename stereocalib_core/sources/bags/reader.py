@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_CALIBRATION, MOST_BYTES_UNPACKED_FOR_TIMES
 from stereocalib_core.errors import SourceError
 from stereocalib_core.sources.bags import messages
 from stereocalib_core.sources.bags.storages import (
@@ -18,10 +19,6 @@ from stereocalib_core.sources.bags.storages import (
     ros1_stamp,
 )
 
-SMALL_BYTES = 64 << 20
-"""Packed bags up to this size are unpacked once for the cameras' own times: five seconds of the slowest packing."""
-METADATA_BYTES = 256 << 10
-"""A bag of a hundred topics in a hundred files says about 60 kB."""
 NO_ROSBAGS = "install it: pip install 'stereocalib[bags]'"
 
 
@@ -95,7 +92,7 @@ class Bag:
 
     @property
     def _small(self) -> bool:
-        return sum(path.stat().st_size for path in self.files) <= SMALL_BYTES
+        return sum(path.stat().st_size for path in self.files) <= MOST_BYTES_UNPACKED_FOR_TIMES
 
     def _stampless(self, topic: str) -> bool:
         return self.types[topic] in (messages.TF_STATIC,)
@@ -132,8 +129,10 @@ def _files(path: Path) -> list[Path]:
             raise SourceError(
                 "no bag in the folder", path, "a ROS 2 bag needs its metadata.yaml; or name its file"
             )
-        if (path / "metadata.yaml").stat().st_size > METADATA_BYTES:
-            raise SourceError("metadata.yaml too large", path, f"at most {METADATA_BYTES >> 10} kB are read")
+        if (path / "metadata.yaml").stat().st_size > MOST_BYTES_OF_A_CALIBRATION:
+            raise SourceError(
+                "metadata.yaml too large", path, f"at most {MOST_BYTES_OF_A_CALIBRATION >> 10} kB are read"
+            )
         return [path / "metadata.yaml", *found]
     if not path.is_file():
         raise SourceError("no such bag", path, "check the path")

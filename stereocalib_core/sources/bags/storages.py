@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
-MAX_MESSAGE_BYTES = 1 << 30
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_MESSAGE
+
 STAMP_BYTES = 16
 
 
@@ -80,7 +81,7 @@ class Ros1Storage:
         except Exception:  # noqa: BLE001 - bz2 and lz4 each raise their own kind for what is not theirs
             return False
 
-    def _record(self, place: Any, most: int = MAX_MESSAGE_BYTES) -> bytes:
+    def _record(self, place: Any, most: int = MOST_BYTES_OF_A_MESSAGE) -> bytes:
         chunk = self._reader.chunks[place.chunk_pos]
         if self._plain(place.chunk_pos):
             at = chunk.datapos + place.offset
@@ -244,7 +245,7 @@ class McapStorage:
     def _unpacked_chunk(self, chunk: int) -> bytes:
         if self._chunk[0] != chunk:
             start, compression, packed, size = self._chunk_head(chunk)
-            if max(packed, size) > MAX_MESSAGE_BYTES:
+            if max(packed, size) > MOST_BYTES_OF_A_MESSAGE:
                 raise EOFError("a chunk of over 1 GB")
             here = self._file.tell()
             self._file.seek(start)
@@ -259,7 +260,7 @@ class McapStorage:
         with self._lock:
             if chunk < 0:
                 self._file.seek(at)
-                data = self._file.read(min(size, MAX_MESSAGE_BYTES))
+                data = self._file.read(min(size, MOST_BYTES_OF_A_MESSAGE))
             else:
                 start, compression, _, _ = self._chunk_head(chunk)
                 if compression:
@@ -270,7 +271,7 @@ class McapStorage:
                     self._file.seek(start + at + 1)
                     length = int.from_bytes(self._file.read(8), "little")
                     self._file.seek(start + at + 9 + 22)
-                    data = self._file.read(min(length - 22, MAX_MESSAGE_BYTES))
+                    data = self._file.read(min(length - 22, MOST_BYTES_OF_A_MESSAGE))
         return _unpacked("zstd", data, 0) if self._packed else data
 
 

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from stereocalib_core.calibration import Size, StereoCalibration
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_CALIBRATION, MOST_CALIBRATIONS_IN_A_FOLDER
 from stereocalib_core.errors import OutputError, SourceError
 from stereocalib_core.sources.calibrations import kalibr, kitti, opencv, own_yaml, ros
 from stereocalib_core.sources.calibrations.rectify import plain
-from stereocalib_core.sources.calibrations.trees import MAX_BYTES, Tree, read_tree
+from stereocalib_core.sources.calibrations.trees import Tree, read_tree
 from stereocalib_core.sources.sides import side_of
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".calib", ".cfg")
 MENDED = "calibration_mended.yaml"
 """What a run writes beside its report once the pair could be measured."""
-MOST_FILES = 60
 WRITERS: dict[str, tuple[Callable[[StereoCalibration, Path], dict[Path, str]], str]] = {
     "yaml": (own_yaml.write, "camera.yaml"),
     "opencv": (opencv.write, "stereo.yml"),
@@ -89,7 +89,7 @@ def find_calibration(folder: Path, unit: str | None = None, size: Size | None = 
             if own_yaml.is_ours(_tree_or_nothing(own)) or not _others(folder):
                 raise
             first = error
-    files = [path for place in places for path in _candidates(place)][:MOST_FILES]
+    files = [path for place in places for path in _candidates(place)][:MOST_CALIBRATIONS_IN_A_FOLDER]
     trees = {path: tree for path in files if (tree := _tree_or_nothing(path))}
     found = _from_trees(trees, folder, unit, size)
     if found is None and first is not None:
@@ -125,12 +125,12 @@ def _candidates(folder: Path) -> list[Path]:
         if path.suffix.lower() not in SUFFIXES or entry.name.startswith("."):
             continue
         try:
-            if entry.is_file() and 0 < entry.stat().st_size <= MAX_BYTES:
+            if entry.is_file() and 0 < entry.stat().st_size <= MOST_BYTES_OF_A_CALIBRATION:
                 found.append(path)
         except OSError:
             continue
     # a folder of numbered text files, one a frame, holds no calibration of the whole drive
-    return [] if len(found) > MOST_FILES else found
+    return [] if len(found) > MOST_CALIBRATIONS_IN_A_FOLDER else found
 
 
 def _tree_or_nothing(path: Path) -> Tree:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.calibration import Lens, RectifiedPair, Size, StereoCalibration
+from stereocalib_core.config.reading import LEAST_FPS, MOST_FPS, MOST_PIXELS_ASIDE, SIDEWAYS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, invert_transform
-from stereocalib_core.sources.calibrations.parts import MAX_SIDE_PX, lens, lens_model, lens_pair, metres
+from stereocalib_core.sources.calibrations.parts import lens, lens_model, lens_pair, metres
 from stereocalib_core.sources.calibrations.trees import Tree, array, number, numbers_in
 
 
@@ -35,7 +36,7 @@ def _lens(tree: Tree, where: str) -> tuple[Lens, Size | None]:
     model = lens_model(tree.get("distortion_model", "none"), where)
     found = numbers_in(tree.get("resolution"))
     if found is not None and not (
-        len(found) == 2 and all(32 <= side <= MAX_SIDE_PX and side == int(side) for side in found)
+        len(found) == 2 and all(32 <= side <= MOST_PIXELS_ASIDE and side == int(side) for side in found)
     ):
         raise SourceError("resolution is wrong", where, "expected [width, height]")
     return lens(K, D, model, where), None if found is None else (int(found[0]), int(found[1]))
@@ -52,7 +53,7 @@ def _pair(
     factor, changed = metres(float(np.linalg.norm(t)), where, unit)
     if left[1] != right[1]:
         raise SourceError("cameras of two sizes", where, f"left {left[1]}, right {right[1]}")
-    if t[0] > 0 and t[0] > 0.7 * np.linalg.norm(t):
+    if t[0] > 0 and t[0] > SIDEWAYS * np.linalg.norm(t):
         remedy = "the second camera lies left of the first: exchange cam0 and cam1, pictures included"
         raise SourceError("cameras in the wrong order", where, remedy)
     pair = lens_pair(left[0], right[0], T_right_left[:3, :3], t * factor, left[1], where)
@@ -92,7 +93,7 @@ def read_sensors(left: Tree, right: Tree, where: Path, unit: str | None = None) 
     T = invert_transform(T_right) @ T_left
     T[np.abs(T) < 1e-12] = 0.0
     pair, notes = _pair(*sides, T, where, unit)
-    fps = number(left, "rate_hz", where, 1e-3, 1e4) if "rate_hz" in left else None
+    fps = number(left, "rate_hz", where, LEAST_FPS, MOST_FPS) if "rate_hz" in left else None
     return StereoCalibration(pair, None, True, fps, None, notes, "EuRoC sensor.yaml")
 
 

@@ -10,16 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from stereocalib_core.calibration import LensPair, RectifiedPair, Size, StereoCalibration
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_CALIBRATION, MOST_PIXELS_ASIDE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, transform
-from stereocalib_core.sources.calibrations.parts import (
-    MAX_SIDE_PX,
-    lens,
-    lens_pair,
-    metres,
-    rectified_or_lenses,
-)
-from stereocalib_core.sources.calibrations.trees import MAX_BYTES, Tree
+from stereocalib_core.sources.calibrations.parts import lens, lens_pair, metres, rectified_or_lenses
+from stereocalib_core.sources.calibrations.trees import Tree
 from stereocalib_core.system.text_file import read_text, to_numbers
 
 _PROJECTION = re.compile(r"P_?(?:rect)?_?0?([0-3])$", re.IGNORECASE)
@@ -30,7 +25,7 @@ _KEY = re.compile(r"^\s*([A-Za-z]\w*)\s*[:=]?\s+(.*)$|^\s*([A-Za-z]\w*)\s*[:=]\s
 def read_lines(path: Path) -> Tree:
     """`KEY: words` lines of a file; others are passed over."""
     found: Tree = {}
-    for line in read_text(path, MAX_BYTES, "calibration").splitlines():
+    for line in read_text(path, MOST_BYTES_OF_A_CALIBRATION, "calibration").splitlines():
         match = _KEY.match(line)
         if match is not None:
             key, rest = match.group(1) or match.group(3), match.group(2) or match.group(4) or ""
@@ -125,7 +120,7 @@ def _size(tree: Tree, key: str, where: object) -> Size | None:
     if key not in tree:
         return None
     width, height = values(tree, key, 2, where)
-    if not (32 <= width <= MAX_SIDE_PX and 32 <= height <= MAX_SIDE_PX):
+    if not (32 <= width <= MOST_PIXELS_ASIDE and 32 <= height <= MOST_PIXELS_ASIDE):
         raise SourceError(f"bad calibration of {key}", where, "expected width and height in pixels")
     return int(width), int(height)
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.calibration import LensPair, RectifiedPair, Size, StereoCalibration
+from stereocalib_core.config.reading import LEAST_FPS, MOST_FPS, MOST_PIXELS_ASIDE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array
 from stereocalib_core.sources.calibrations.parts import (
-    MAX_SIDE_PX,
     lens,
     lens_model,
     lens_pair,
@@ -117,7 +117,7 @@ def read(tree: Tree, where: Path, unit: str | None = None) -> StereoCalibration:
     if sides is None:
         return _orb_slam(tree, size, where)
     fps_key = key_of(tree, "fps", "Camera.fps")
-    fps = number(tree, fps_key, where, 1e-3, 1e4) if fps_key else None
+    fps = number(tree, fps_key, where, LEAST_FPS, MOST_FPS) if fps_key else None
     notes: tuple[str, ...] = ()
     projections = [_matrix(tree, _PROJECT, side, sides, 12, where) for side in (0, 1)]
     rotations = [_matrix(tree, _RECTIFY, side, sides, 9, where) for side in (0, 1)]
@@ -221,11 +221,11 @@ def _rotation(tree: Tree, key: str, where: object) -> Array:
 def _size(tree: Tree, where: object) -> Size | None:
     width, height = key_of(tree, *_WIDTHS), key_of(tree, *_HEIGHTS)
     if width and height:
-        sizes = [number(tree, key, where, 32, MAX_SIDE_PX, whole=True) for key in (width, height)]
+        sizes = [number(tree, key, where, 32, MOST_PIXELS_ASIDE, whole=True) for key in (width, height)]
         return int(sizes[0]), int(sizes[1])
     key = key_of(tree, *_SIZES)
     found = numbers_in(tree[key]) if key else None
-    if found is None or len(found) != 2 or min(found) < 32 or max(found) > MAX_SIDE_PX:
+    if found is None or len(found) != 2 or min(found) < 32 or max(found) > MOST_PIXELS_ASIDE:
         return None
     return int(found[0]), int(found[1])
 
@@ -240,7 +240,7 @@ def _orb_slam(tree: Tree, size: Size | None, where: Path) -> StereoCalibration:
     P_left = np.array([[fx, 0, cx, 0], [0, fy, cy, 0], [0, 0, 1, 0]], np.float64)
     P_right = P_left.copy()
     P_right[0, 3] = -bf
-    fps = number(tree, "Camera.fps", where, 1e-3, 1e4) if "Camera.fps" in tree else None
+    fps = number(tree, "Camera.fps", where, LEAST_FPS, MOST_FPS) if "Camera.fps" in tree else None
     return _finished(None, rectified_or_lenses(P_left, P_right, size, where), fps, (), where)
 
 

@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.calibration import LensPair, RectifiedPair, StereoCalibration, rectifying_rotations
+from stereocalib_core.config.reading import (
+    FOCAL_OF_WIDTH,
+    LEAST_FPS,
+    MOST_FPS,
+    MOST_PIXELS_ASIDE,
+    SAME_BASELINE,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, StereoCamera
-from stereocalib_core.sources.calibrations.parts import (
-    MAX_SIDE_PX,
-    check_baseline,
-    lens,
-    lens_model,
-    lens_pair,
-    metres,
-)
+from stereocalib_core.sources.calibrations.parts import check_baseline, lens, lens_model, lens_pair, metres
 from stereocalib_core.sources.calibrations.rectify import Rectifier, default_target, opened
 from stereocalib_core.sources.calibrations.trees import Tree, array, number, read_tree
 
@@ -56,8 +56,10 @@ def read(tree: Tree, path: Path, unit: str | None = None) -> StereoCalibration:
     unknown = sorted(str(key) for key in tree.keys() - _KNOWN)
     if unknown:
         raise SourceError(f"unknown key {unknown[0]}", path, f"known are {' '.join(sorted(_KNOWN))}")
-    width, height = (int(number(tree, key, path, 32, MAX_SIDE_PX, whole=True)) for key in ("width", "height"))
-    fps = number(tree, "fps", path, 1e-3, 1e4) if "fps" in tree else None
+    width, height = (
+        int(number(tree, key, path, 32, MOST_PIXELS_ASIDE, whole=True)) for key in ("width", "height")
+    )
+    fps = number(tree, "fps", path, LEAST_FPS, MOST_FPS) if "fps" in tree else None
     T = array(tree, "T_camera_lidar", (16,), path).reshape(4, 4) if "T_camera_lidar" in tree else None
     if "left" in tree or "right" in tree:
         lenses, note = _lenses(tree, (width, height), path, unit)
@@ -89,7 +91,9 @@ def _lenses(
     pair = lens_pair(sides[0], sides[1], R, t * factor, size, path)
     if "baseline_m" in tree:
         stated = number(tree, "baseline_m", path, 1e-3, 1e5)
-        if not any(abs(stated * unit_m / pair.baseline_m - 1) <= 0.02 for unit_m in (1.0, 1e-2, 1e-3)):
+        if not any(
+            abs(stated * unit_m / pair.baseline_m - 1) <= SAME_BASELINE for unit_m in (1.0, 1e-2, 1e-3)
+        ):
             remedy = f"t is {pair.baseline_m:.4g} m long; drop one of them"
             raise SourceError("baseline_m and t disagree", path, remedy)
     return pair, (changed,) if changed else ()
@@ -113,7 +117,7 @@ def _target(pair: LensPair, tree: Tree, path: Path) -> RectifiedPair | None:
         R_left = array(tree, "R_left", (9,), path).reshape(3, 3)
         R_right = array(tree, "R_right", (9,), path).reshape(3, 3)
     target = dataclasses.replace(target, **wanted, R_left=R_left, R_right=R_right)
-    if not 0.05 * width < target.focal_px < 50 * width:
+    if not FOCAL_OF_WIDTH[0] * width < target.focal_px < FOCAL_OF_WIDTH[1] * width:
         raise SourceError("the pair cannot be rectified", path, "check K, D, R and t, or give focal_px")
     check_baseline(target.baseline_m, path)
     return target

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from stereocalib_core.calibration import Lens, LensPair, Model, RectifiedPair, Size
+from stereocalib_core.config.reading import (
+    LARGEST_BASELINE_M,
+    LARGEST_CONVERTED_M,
+    LEAST_BASELINE_M,
+    MOST_BASELINE_M,
+    SAME_FOCAL,
+    SIDEWAYS,
+    SMALLEST_CONVERTED_M,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array
 
-MAX_SIDE_PX = 16384
 PINHOLE_NAMES = (
     *("pinhole", "plumb_bob", "radtan", "radtan5", "radtan8", "radial_tangential", "brown", "brown_conrady"),
     *(
@@ -34,10 +42,6 @@ FISHEYE_NAMES = (
     ),
     *("kb", "kb4", "kb8", "opencv_fisheye"),
 )
-LARGEST_BASELINE_M = 5.0
-"""Wider than any vehicle: a larger number is not metres."""
-SMALLEST_CONVERTED_M, LARGEST_CONVERTED_M = 0.02, 2.5
-"""What a baseline given in another unit can be: a phone's pair of lenses ... the full width of a lorry."""
 
 
 def lens_model(name: object, where: object) -> Model:
@@ -69,7 +73,7 @@ def lens_pair(left: Lens, right: Lens, R: Array, t: Array, size: Size | None, wh
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
         raise SourceError("R is no rotation", where, "expected an orthonormal 3x3 matrix of right from left")
     baseline = float(np.linalg.norm(t))
-    if t[0] >= 0 or abs(t[0]) < 0.7 * baseline or not 1e-3 < baseline < 100:
+    if t[0] >= 0 or abs(t[0]) < SIDEWAYS * baseline or not LEAST_BASELINE_M < baseline < MOST_BASELINE_M:
         remedy = "the right camera must lie to the right of the left one, t[0] < 0 in metres"
         raise SourceError(f"t is {np.round(t, 4).tolist()}", where, remedy)
     if left.model != right.model:
@@ -85,11 +89,11 @@ def rectified_or_lenses(
     if not (focal > 0 and P_left[1, 1] > 0 and P_right[0, 0] > 0 and P_right[1, 1] > 0):
         remedy = "P must be [f 0 cx fb; 0 f cy 0; 0 0 1 0]"
         raise SourceError("calibration without a focal length", where, remedy)
-    if abs(P_right[0, 0] / focal - 1) > 1e-3:
+    if abs(P_right[0, 0] / focal - 1) > SAME_FOCAL:
         raise SourceError("focal lengths differ", where, "the pictures must be rectified to one camera")
     baseline = float(P_left[0, 3] / focal - P_right[0, 3] / P_right[0, 0])
     check_baseline(baseline, where)
-    if abs(P_left[1, 1] / focal - 1) > 1e-3:
+    if abs(P_left[1, 1] / focal - 1) > SAME_FOCAL:
         lenses = [Lens(P[:, :3].copy(), np.zeros(4)) for P in (P_left, P_right)]
         return LensPair(lenses[0], lenses[1], np.eye(3), np.array([-baseline, 0.0, 0.0]), size)
     cx_right = float(P_right[0, 2])
@@ -100,7 +104,7 @@ def rectified_or_lenses(
 
 def check_baseline(baseline_m: float, where: object) -> None:
     """Raise SourceError for a baseline that no pair has, its sign included."""
-    if not 1e-3 < baseline_m < 100:
+    if not LEAST_BASELINE_M < baseline_m < MOST_BASELINE_M:
         remedy = "the right camera must lie to the right of the left one"
         raise SourceError(f"baseline of {baseline_m:g} m", where, remedy)
 

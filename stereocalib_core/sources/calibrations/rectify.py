@@ -18,18 +18,18 @@ from stereocalib_core.calibration import (
     rectifying_rotations,
     rotation_angle,
 )
+from stereocalib_core.config.reading import (
+    FOCAL_OF_WIDTH,
+    LARGEST_ZOOM,
+    RESIZED,
+    SAME_VIEW_RAD,
+    SMALLEST_ZOOM,
+    TURNED_RAD,
+)
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array, StereoCamera
 
-LARGEST_ZOOM, SMALLEST_ZOOM = 1.25, 0.4
-"""The rectified focal length over the raw one: more would only enlarge noise, less throws resolution away."""
 BORDER_POINTS = 33
-RESIZED = 0.08
-"""Off the middle by so much (logarithm of the ratio), and by the same across and down: pictures that were resized after
-the calibration. Lenses sit within 3 % of the middle, and a cut takes away from one side."""
-SAME_VIEW_RAD = np.deg2rad(0.1)
-"""A rectification that turns the left camera by more shows another part of the scene: its focal length and
-principal point do not suit a picture that keeps the left camera's own axes."""
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,13 @@ def opened(calibration: StereoCalibration, size: Size, where: object) -> Opened:
         cx_right_px=None,
         size=size,
     )
-    if not 0.05 * size[0] < target.focal_px < 50 * size[0]:
+    if not FOCAL_OF_WIDTH[0] * size[0] < target.focal_px < FOCAL_OF_WIDTH[1] * size[0]:
         raise SourceError("the pair cannot be rectified", where, "check K, D, R and t, or give focal_px")
     P = target.projections()[0][:, :3]
     maps = [_maps(lens, rotation, P, size) for lens, rotation in ((pair.left, R_left), (pair.right, R_right))]
     note = ["pictures are unrectified: rectified while reading"]
     turned = rotation_angle(R_left)
-    if turned > np.deg2rad(0.01):
+    if turned > TURNED_RAD:
         note.append(
             "the baseline is not along the left camera's x axis: angles are those of axes "
             f"{np.rad2deg(turned):.3f} deg from the camera's own"

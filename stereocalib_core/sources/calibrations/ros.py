@@ -11,16 +11,11 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.calibration import LensPair, RectifiedPair, StereoCalibration
+from stereocalib_core.config.reading import MOST_PIXELS_ASIDE
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array
 from stereocalib_core.sources.calibrations.opencv import pair_from_rectification
-from stereocalib_core.sources.calibrations.parts import (
-    MAX_SIDE_PX,
-    lens,
-    lens_model,
-    metres,
-    rectified_or_lenses,
-)
+from stereocalib_core.sources.calibrations.parts import lens, lens_model, metres, rectified_or_lenses
 from stereocalib_core.sources.calibrations.trees import Tree, array, key_of, number
 
 _MATRIX = ("camera_matrix", "K")
@@ -69,7 +64,11 @@ def camera_info(tree: Tree, where: object) -> CameraInfo:
         return array(tree, key or names[0], sizes, where)
 
     sizes = [
-        int(number(tree, key_of(tree, f"image_{name}", name) or name, where, 32, MAX_SIDE_PX, whole=True))
+        int(
+            number(
+                tree, key_of(tree, f"image_{name}", name) or name, where, 32, MOST_PIXELS_ASIDE, whole=True
+            )
+        )
         for name in ("width", "height")
     ]
     return CameraInfo(

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_CALIBRATION
 from stereocalib_core.errors import SourceError
 from stereocalib_core.geometry import Array
 from stereocalib_core.system.text_file import read_text, to_number, to_numbers
 from stereocalib_core.system.yaml_file import parse_plain
 
-MAX_BYTES = 256 * 1024
-"""A calibration of ten cameras with every matrix in full is about 20 kB."""
 Tree = dict[str, Any]
 _LINE = re.compile(r"^\s*([A-Za-z][\w .\-]*?)\s*[:=]\s*(.*?)\s*$")
 _MATRIX = re.compile(r"!!?opencv-(?:nd-)?matrix|!<tag:yaml.org,2002:opencv-(?:nd-)?matrix>")
@@ -27,7 +26,7 @@ _MANY_NUMBERS = 9
 
 def read_tree(path: Path) -> Tree:
     """The top level of a calibration file as a mapping; raises SourceError in one line."""
-    return parse_tree(read_text(path, MAX_BYTES, "calibration"), path)
+    return parse_tree(read_text(path, MOST_BYTES_OF_A_CALIBRATION, "calibration"), path)
 
 
 def parse_tree(text: str, path: Path) -> Tree:

@@ -8,15 +8,16 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from stereocalib_core.config.reading import (
+    MOST_BYTES_OF_AN_ARCHIVE,
+    MOST_FILES_OF_AN_ARCHIVE,
+    MOST_FOLDERS_OF_A_DRIVE,
+    SPARE_BYTES,
+)
 from stereocalib_core.errors import SourceError, StereoCalibError
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.sources.archive_files import unpack
 from stereocalib_core.sources.format import Format, SourceKind, Spec, parse
-
-MOST_BYTES, MOST_FILES = 50_000_000_000, 500_000
-SPARE_BYTES = 1_000_000_000
-"""Left free on the disk."""
-MOST_FOLDERS = 200
 
 
 def _accepts(spec: Spec) -> bool:
@@ -29,7 +30,7 @@ def drive_in(folder: Path, name: str, options: dict[str, str] | None = None) -> 
     from stereocalib_core.sources.formats import FORMATS
 
     first: StereoCalibError | None = None
-    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:MOST_FOLDERS]:
+    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())][:MOST_FOLDERS_OF_A_DRIVE]:
         spec = dataclasses.replace(parse(str(place)), options=options or {})
         form = next((form for form in FORMATS if form.accepts(spec)), None)
         if form is None or form.kind is SourceKind.RUN:
@@ -49,7 +50,13 @@ def _open(spec: Spec) -> FrameSource:
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     room = shutil.disk_usage(folder).free - SPARE_BYTES
     try:
-        unpack(spec.path, spec.name, folder, min(MOST_BYTES, max(room, 0)), MOST_FILES)
+        unpack(
+            spec.path,
+            spec.name,
+            folder,
+            min(MOST_BYTES_OF_AN_ARCHIVE, max(room, 0)),
+            MOST_FILES_OF_AN_ARCHIVE,
+        )
         source = drive_in(folder, spec.name, dict(spec.options))
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stereocalib_core.calibration import StereoCalibration
+from stereocalib_core.config.reading import LOOKED_AT
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import Array
@@ -31,8 +32,6 @@ from stereocalib_core.sources.times import since_epoch
 
 KEYS = ("left", "right", "lidar", "truth", "left_info", "right_info", "calibration", "camera", "unit")
 SUFFIXES = (".bag", ".mcap", ".db3")
-LOOKED_AT = 5
-"""Pictures that tell size and depth."""
 
 
 def _accepts(spec: Spec) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stereocalib_core.config.reading import MOST_BYTES_OF_A_LIST
 from stereocalib_core.errors import SourceError
 from stereocalib_core.frames import GroundTruth, Recording
 from stereocalib_core.geometry import Array, invert_transform
@@ -21,7 +22,6 @@ from stereocalib_core.sources.times import Times, since_epoch, times_in_names
 from stereocalib_core.system.text_file import lines
 
 TRUTHS = ("state_groundtruth_estimate0", "gt0", "mocap0", "vicon0", "leica0")
-LIST_BYTES = 64 << 20
 
 
 def _home(folder: Path) -> Path | None:
@@ -87,7 +87,7 @@ def stamps_of(path: Path) -> dict[str, int]:
     if not path.is_file():
         return found
     try:
-        for line in lines(path, LIST_BYTES, "times"):
+        for line in lines(path, MOST_BYTES_OF_A_LIST, "times"):
             words = re.split(r"[,\s]+", line.strip())
             if not line.startswith("#") and re.fullmatch(r"\d{10,19}", words[0] or ""):
                 name = words[1] if len(words) > 1 and words[1] else words[0]

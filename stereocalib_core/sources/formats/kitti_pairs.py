@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stereocalib_core.calibration import Size, StereoCalibration
+from stereocalib_core.config.reading import UNSTATED_FPS
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
@@ -18,7 +19,6 @@ from stereocalib_core.sources.calibrations import kitti, read_calibration
 from stereocalib_core.sources.calibrations.rectify import opened
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number, with_scan
-from stereocalib_core.sources.lists import KITTI_FPS
 from stereocalib_core.sources.pairing import PairReader, Pairs, content_key, match_pairs, pictures_in
 from stereocalib_core.sources.picture_size import size_of_file
 from stereocalib_core.sources.pictures import PictureFormat, survey
@@ -81,7 +81,7 @@ def _open(spec: Spec) -> Recording:
         bad = next(iter(calibrations.values()))
         raise SourceError("no pair has a calibration that can be read", bad, "expected P0 ... P3 in each")
     camera = Counter(usable).most_common(1)[0][0]
-    times_s = np.arange(len(pairs)) / KITTI_FPS
+    times_s = np.arange(len(pairs)) / UNSTATED_FPS
     load: Load = _Reader(pairs, cameras, camera, picture.bits, times_s)
     notices = [*pairs.notices, "single pairs: no path is driven between them"]
     if (others := len(set(usable)) - 1) > 0:

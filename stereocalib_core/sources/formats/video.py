@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.calibration import Size, StereoCalibration
+from stereocalib_core.config.reading import LEAST_FPS, LIKELY_FPS, MOST_FPS, UNSTATED_FPS
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
@@ -24,7 +25,6 @@ from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.live import LiveReader
 from stereocalib_core.sources.pairing import content_key
 
-DEFAULT_FPS = 10.0
 LIVE_HOURS = 24
 GRAB_AHEAD = 200
 """Frames skipped by decoding them; farther ones are sought."""
@@ -80,7 +80,7 @@ def _fps(text: str | None, where: str) -> float | None:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 1e-3 <= value <= 1e4:
+    if not LEAST_FPS <= value <= MOST_FPS:
         raise SourceError(f"fps is {text[:20]}", where, "expected a number from 0.001 to 10000")
     return value
 
@@ -223,7 +223,7 @@ def _open_files(paths: list[Path], described: Described) -> Recording:
             notices.append(f"layout of the video: {layout}, as the calibration's size says")
     ready = opened(calibration, size, paths[0])
     claimed_fps = float(readers[0].capture.get(cv2.CAP_PROP_FPS))
-    fps = described.fps or (claimed_fps if 0.1 <= claimed_fps <= 1000 else DEFAULT_FPS)
+    fps = described.fps or (claimed_fps if LIKELY_FPS[0] <= claimed_fps <= LIKELY_FPS[1] else UNSTATED_FPS)
     counts = [reader.count() for reader in readers]
     count = min(counts)
     if count == 0:
@@ -270,7 +270,7 @@ def _open_device(number: int, described: Described) -> Recording:
         raise SourceError("video does not fit the camera", f"device {number}", found)
     ready = opened(calibration, calibration.size, described.found.files[0])
     reader = LiveReader(capture.read)
-    fps = described.fps or DEFAULT_FPS
+    fps = described.fps or UNSTATED_FPS
 
     def load(index: int) -> StereoFrame:
         time_s, picture = reader.newest()
