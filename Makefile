@@ -41,6 +41,7 @@ docs: $(DEV)  ## the documentation as a site in build/site
 
 bench: $(READY)  ## speeds as ratios to an SGBM yardstick measured in the same run; then how quick the page is
 	$(BIN)/python -m stereocalib_core.benches.front_end $(ARGS)
+	$(BIN)/python -m stereocalib_core.benches.pair_and_lidar
 	$(BIN)/python -m stereocalib_app.benches.page
 
 bench-batch: $(DEV)  ## twelve short drives: one run after another, one worker, two workers

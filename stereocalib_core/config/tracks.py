@@ -86,12 +86,33 @@ class MotionSearchConfig:
 
 
 @dataclass(frozen=True, config=STRICT)
+class BentPairConfig:
+    """When points are judged by a motion that leaves the pair's own yaw free."""
+
+    least_px: float = 1.0
+    """Offset of disparity below which a bend moves no point out of `TracksConfig.tolerance_px` [px]: far points at the
+    edge of a picture 60 deg wide move by half of it when a car goes three baselines a frame."""
+    sure: float = 5.0
+    """... and so many sigmas: else a passing lorry would do for a bend."""
+    noise_px: float = 0.3
+    """1 sigma of a track against its motion [px]; three of these count a quarter (Geman-McClure). Source: residuals of
+    KITTI's tracks are 0.15 to 0.3 px."""
+    reach: float = 3.0
+    """Points so many `tolerance_px` away are looked at."""
+    widest_rad: float = 0.02
+    """1 sigma of the yaw beforehand [rad]: what no pair can be turned by that still matches."""
+    rounds: int = 5
+    """Numerical."""
+
+
+@dataclass(frozen=True, config=STRICT)
 class TracksConfig:
     """Points of the road, and above it, from one stereo pair to the next."""
 
     patch: PatchConfig = PatchConfig()
     corners: CornersConfig = CornersConfig()
     search: MotionSearchConfig = MotionSearchConfig()
+    bent: BentPairConfig = BentPairConfig()
     tolerance_px: float = 1.5
     """How far a point may be from where the pair's motion puts it [px]: about four sigmas of a track."""
     disparity_tolerance_px: float = 1.0

@@ -181,7 +181,7 @@ class FrontEnd:
             frame.index, frame.timestamp_s, estimate, road.failure, road.free_fraction, inliers, sample,
             tracks, checks + road.checks + ahead, MappingProxyType(timing),
         )  # fmt: skip
-        return Look(self._with_lidar(frame, result, road), road)
+        return Look(self.with_lidar(frame, result, road), road)
 
     def _hint(self) -> Hint:
         """Where the road is likely to be: the median of the last ones, and the way that the car has been going."""
@@ -226,7 +226,7 @@ class FrontEnd:
             Check("lane", "bend ahead, in pitch", float(np.rad2deg(bend[1])), unit="deg"),
         )
 
-    def _with_lidar(self, frame: StereoFrame, result: FrameResult, road: RoadResult) -> FrameResult:
+    def with_lidar(self, frame: StereoFrame, result: FrameResult, road: RoadResult) -> FrameResult:
         """The same with what the frame's scan says of the road and of depth edges, where there is a scan."""
         T, config = self.T_camera_lidar, self.config
         if frame.lidar is None or T is None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import OdometryConfig, TracksConfig
+from stereocalib_core.front.tracks.bent_pair import Judge, judge_by
 from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
 from stereocalib_core.front.tracks.patches import follow
@@ -98,10 +99,12 @@ def _track(
     rays[0] = (corners.points[:, 0] - camera.cx_px) / f
     rays[1] = (corners.points[:, 1] - camera.cy_px) / f
     rays[2] = corners.disparity / fb
-    motion: Array | None = None if state.motion is None else state.motion * jump
+    predicted: Array | None = None if state.motion is None else state.motion * jump
     ok, agreement = np.zeros(len(corners.points), dtype=bool), 0.0
-    if motion is not None:
-        ok, motion, agreement = _follow(camera, state, pyramid, rays, motion, 1, config)
+    motion: Array | None = None
+    judge: Judge | None = None
+    if predicted is not None:
+        ok, motion, judge, agreement = _follow(camera, state, pyramid, rays, predicted, 1, config)
     for wide in (False, True):
         if agreement >= config.min_agreement or (wide and not (state.view.road_known and view.road_known)):
             break
@@ -117,12 +120,12 @@ def _track(
             wide,
         )
         retry = rays.copy()
-        ok_2, motion_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2, config)
+        ok_2, motion_2, judge_2, agreement_2 = _follow(camera, state, pyramid, retry, start, 2, config)
         if agreement_2 > agreement:
-            ok, motion, agreement, rays = ok_2, motion_2, agreement_2, retry
-    if motion is None or np.count_nonzero(ok) < config.min_points:
+            ok, motion, judge, agreement, rays = ok_2, motion_2, judge_2, agreement_2, retry
+    if motion is None or judge is None or np.count_nonzero(ok) < config.min_points:
         return None, None
-    return _finish(camera, state, view, rays, ok, motion, config), motion
+    return _finish(camera, state, view, rays, ok, judge, config), motion
 
 
 def _follow(
@@ -133,10 +136,11 @@ def _follow(
     predicted: Array,
     coarsest: int,
     config: TracksConfig,
-) -> tuple[NDArray[np.bool_], Array | None, float]:
+) -> tuple[NDArray[np.bool_], Array | None, Judge | None, float]:
     """Track all corners from a predicted motion; fills rays[3:5].
 
-    Returns which points move together, their motion, and which share of all corners in sight they are.
+    Returns which points move together, their motion, by whom they were judged, and which share of all corners in
+    sight they are.
     """
     assert state.view is not None and state.pyramid is not None and state.corners is not None
     corners, f = state.corners, camera.focal_px
@@ -153,7 +157,7 @@ def _follow(
     rays[3] = (found[:, 0] - camera.cx_px) / f
     rays[4] = (found[:, 1] - camera.cy_px) / f
     if np.count_nonzero(ok) < config.min_points:
-        return ok, None, 0.0
+        return ok, None, None, 0.0
     votes = np.where(corners.on_road[ok], config.road_votes, 1.0)
     motion, _ = robust_motion(
         np.ascontiguousarray(rays[:, ok]),
@@ -164,12 +168,13 @@ def _follow(
         config.samples,
         _ITERATIONS,
     )
-    seen = reprojection(rays, motion)
     followed = float(ok.sum())
+    judge = judge_by(camera, rays[:, ok], motion, config.tolerance_px, config.bent)
+    seen = judge.expected(rays)
     ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < config.tolerance_px)
     if ok.sum() < config.min_consent * followed:
-        return ok, None, 0.0
-    return ok, motion, float(ok.sum()) / max(float(inside.sum()), float(config.min_points))
+        return ok, None, None, 0.0
+    return ok, motion, judge, float(ok.sum()) / max(float(inside.sum()), float(config.min_points))
 
 
 def patch_affine(
@@ -197,7 +202,7 @@ def _finish(
     view: PairView,
     rays: Array,
     ok: NDArray[np.bool_],
-    motion: Array,
+    judge: Judge,
     config: TracksConfig,
 ) -> Tracks:
     """Left-right matches in the current frame, and the check that disparities change with the motion too."""
@@ -206,7 +211,7 @@ def _finish(
     pick = np.flatnonzero(ok)
     on_road = corners.on_road[pick]
     points = np.column_stack([rays[3, pick] * f + camera.cx_px, rays[4, pick] * f + camera.cy_px])
-    expected = reprojection(np.ascontiguousarray(rays[:, pick]), motion)[2] * fb
+    expected = judge.expected(np.ascontiguousarray(rays[:, pick]))[2] * fb
     plane = view.extrinsics.disparity_plane(camera)
     offset = camera.disparity_offset_px
     tilt = slopes(plane.a, plane.b, on_road)
