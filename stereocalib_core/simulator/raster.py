@@ -12,11 +12,25 @@ import math
 import numpy as np
 from numba import njit
 
+from stereocalib_core.numeric.wide import (
+    FLOATS,
+    as_floats,
+    as_ints,
+    as_longs,
+    choose,
+    counted,
+    floats,
+    gather,
+    load,
+    smallest,
+    some,
+    store,
+)
 from stereocalib_core.simulator.textures import INLINED, KERNEL
 
 SAMPLES = 2
-VECTOR = 32
-"""Samples that may be worked on at once."""
+TILE = 32
+"""Edge of the squares of samples of which is kept how far away the farthest is."""
 NEAR_M = 0.15
 PLANES = 24
 """Numbers kept of each visible triangle: coefficients of u, v and 1 for 1/Z, u/Z, v/Z, light/Z and three edges;
@@ -149,14 +163,43 @@ def _span(q, u_shift, v, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(**KERNEL)
+def _hidden(box, q, inverse_depth, farthest):  # type: ignore[no-untyped-def]
+    """Whether everything in a triangle's box is nearer than the triangle: then nobody sees it.
+
+    farthest: as in `fill`; what is not known of a tile is looked up.
+    """
+    step = 1.0 / SAMPLES
+    u0, u1 = (box[0] + 0.5) * step - 0.5, (box[1] + 0.5) * step - 0.5
+    v0, v1 = (box[2] + 0.5) * step - 0.5, (box[3] + 0.5) * step - 0.5
+    # a little more than what is computed sample by sample, with fewer digits
+    nearest = np.float32(1.0001 * (max(q[0] * u0, q[0] * u1) + max(q[1] * v0, q[1] * v1) + q[2]))
+    rows, columns = inverse_depth.shape
+    for j in range(box[2] // TILE, box[3] // TILE + 1):
+        for i in range(box[0] // TILE, box[1] // TILE + 1):
+            if farthest[j, i] < 0:
+                # what a row has too much at its end belongs to the next one: no harm
+                least = floats(1e30)
+                for y in range(j * TILE, min(j * TILE + TILE, rows)):
+                    place = y * columns + i * TILE
+                    for part in range(0, TILE, FLOATS):
+                        here = load(inverse_depth, place + part)
+                        least = choose(here < least, here, least)
+                farthest[j, i] = smallest(least)
+            if farthest[j, i] < nearest:
+                return False
+    return True
+
+
+@njit(**KERNEL)
 def fill(  # type: ignore[no-untyped-def]
-    count, planes, source, boxes, flags, textures, texels, table, levels, inverse_depth, ids, where, opaque
+    count, planes, source, boxes, flags, textures, texels, table, levels, inverse_depth, ids, farthest
 ):
     """The nearest of the visible triangles in every sample.
 
     inverse_depth (H S, W S) float32 and ids (H S, W S) int32 come in as 0 and -1 and hold 1/Z and the index of
-    the visible triangle. Triangles flagged ALPHA are holes where the texture after theirs is dark. where int32
-    and opaque uint8, (W S + VECTOR,), are scratch.
+    the visible triangle; a register may be read and written beyond their ends. Triangles flagged ALPHA are holes
+    where the texture after theirs is dark. farthest (tiles down, tiles across) float32 comes in as 0: the smallest
+    1/Z of each tile, negative where somebody has drawn since.
 
     The loops over a row have no branch, so that they run on many samples at once; indices are unsigned, which
     spares numba's wrap-around of negative ones.
@@ -169,6 +212,12 @@ def fill(  # type: ignore[no-untyped-def]
         low, high = float(boxes[k, 0]), float(boxes[k, 1])
         tri = source[k]
         alpha = flags[tri] & FLAG_ALPHA
+        # a crown costs most, with its holes: those that are hidden are told in advance
+        if alpha and _hidden(boxes[k], q, inverse_depth, farthest):
+            continue
+        for j in range(boxes[k, 2] // TILE, boxes[k, 3] // TILE + 1):
+            for i in range(boxes[k, 0] // TILE, boxes[k, 1] // TILE + 1):
+                farthest[j, i] = np.float32(-1.0)
         tex = textures[tri] + (1 if alpha else 0)
         level = 0
         if alpha:
@@ -200,26 +249,22 @@ def fill(  # type: ignore[no-untyped-def]
                     inverse_depth[y, x + np.uint64(i)] = near if hit else far
                     ids[y, x + np.uint64(i)] = name if hit else ids[y, x + np.uint64(i)]
                 continue
-            seen = False
-            for i in range(n):
-                seen |= w + np.float32(i) * dw > inverse_depth[y, x + np.uint64(i)]
-            if not seen:
-                continue
             s = np.float32((q[3] * u + q[4] * v + q[5]) * scale)
             t = np.float32((q[6] * u + q[7] * v + q[8]) * scale)
             ds, dt = np.float32(q[3] * step * scale), np.float32(q[6] * step * scale)
-            # a whole number of vectors: what is left over would be done one by one
-            for i in range((n + VECTOR - 1) & ~(VECTOR - 1)):
-                f = np.float32(i)
-                z = np.float32(1.0) / (w + f * dw)
-                column = np.int32((s + f * ds) * z) & mask_w
-                line = np.int32((t + f * dt) * z) & mask_h
-                where[i] = (line << shift) + column
-            for i in range(n):
-                opaque[i] = texels[start + np.uint64(where[i])]
-            for i in range(n):
-                far = inverse_depth[y, x + np.uint64(i)]
-                near = w + np.float32(i) * dw
-                hit = (near > far) & (opaque[i] > 127)
-                inverse_depth[y, x + np.uint64(i)] = near if hit else far
-                ids[y, x + np.uint64(i)] = name if hit else ids[y, x + np.uint64(i)]
+            place = row * ids.shape[1] + first
+            for i in range(0, n, FLOATS):
+                lanes = counted() + i
+                f = as_floats(lanes)
+                near = w + f * dw
+                far = load(inverse_depth, place + i)
+                hit = (near > far) & (lanes < np.int32(n))
+                if not some(hit):
+                    continue
+                z = np.float32(1.0) / near
+                column = as_ints((s + f * ds) * z) & mask_w
+                line = as_ints((t + f * dt) * z) & mask_h
+                texel = gather(texels, as_longs((line << shift) + column) + start)
+                hit = hit & ((texel & 255) > 127)
+                store(inverse_depth, place + i, choose(hit, near, far))
+                store(ids, place + i, choose(hit, name, load(ids, place + i)))

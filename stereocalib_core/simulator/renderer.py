@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from stereocalib_core.geometry import StereoCamera, invert_transform
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.wide import DOUBLES, FLOATS
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.furniture import Instance
 from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
-from stereocalib_core.simulator.shade import shade
+from stereocalib_core.simulator.shade import KINDS, measure, shade, sort_kinds
 from stereocalib_core.simulator.world import (
     AMBIENT,
     SUN,
@@ -100,27 +101,38 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.size = (width, height)
         h, w = height * raster.SAMPLES, width * raster.SAMPLES
-        self.ids = np.empty((h, w), np.int32)
-        self._inverse_depth = np.empty((h, w), np.float32)
+        # a register may reach beyond the end
+        self.ids = np.empty(h * w + 2 * FLOATS, np.int32)[: h * w].reshape(h, w)
+        self._inverse_depth = np.empty(h * w + 2 * FLOATS, np.float32)[: h * w].reshape(h, w)
         self.planes = np.empty((_MAX_VISIBLE, raster.PLANES))
+        self.count = 0
         self.source = np.empty(_MAX_VISIBLE, np.int64)
         self._boxes = np.empty((_MAX_VISIBLE, 4), np.int64)
-        self._row = np.empty(w + raster.VECTOR, np.int32), np.empty(w + raster.VECTOR, np.uint8)
+        self._farthest = np.empty((-(-h // raster.TILE), -(-w // raster.TILE)), np.float32)
 
     def draw(self, world: World, draws: Draws, K: tuple[float, float, float]) -> None:
         """Find the nearest triangle in every sample, for focal length and principal point K [px]."""
         mesh, atlas = world.mesh, world.atlas
-        count = raster.set_up(
+        self.count = raster.set_up(
             *(mesh.vertices, mesh.normals, mesh.coordinates, mesh.tones, mesh.flags),
             *(draws.ranges, draws.poses, draws.suns, draws.gains, K, self.size),
             *(self.planes, self.source, self._boxes),
         )
         self._inverse_depth.fill(0.0)
         self.ids.fill(-1)
+        self._farthest.fill(0.0)
         raster.fill(
-            *(count, self.planes, self.source, self._boxes, mesh.flags, mesh.textures),
-            *(atlas.texels, atlas.table, atlas.levels, self._inverse_depth, self.ids, *self._row),
+            *(self.count, self.planes, self.source, self._boxes, mesh.flags, mesh.textures),
+            *(atlas.texels, atlas.table, atlas.levels, self._inverse_depth, self.ids, self._farthest),
         )
+
+
+def shade_scratch(width: int) -> tuple[Array, NDArray[np.int64], NDArray[np.int64], Array, Array]:
+    """Of a row of pixels: what `shade` notes of each part (u, v, samples) and (triangle, column), by kind, and how many
+    there are; the row itself; eight points of the sky."""
+    most = raster.SAMPLES**2 * width + DOUBLES
+    parts, places = np.empty((KINDS, 3, most)), np.empty((KINDS, 2, most), np.int64)
+    return parts, places, np.zeros(KINDS, np.int64), np.empty(width), np.empty((2, DOUBLES))
 
 
 class Renderer:
@@ -130,8 +142,11 @@ class Renderer:
         self.world = world
         self.camera = camera
         self._canvas = Canvas(camera.width, camera.height)
+        self._kinds = np.empty(_MAX_VISIBLE, np.uint8)
+        self._texture_of = np.empty(_MAX_VISIBLE, np.int64)
+        self._scratch = shade_scratch(camera.width)
 
-    def view(
+    def grey(
         self,
         T_world_camera: Array,
         s_m: float,
@@ -141,8 +156,8 @@ class Renderer:
         drift: Array,
         contrast: float = 1.0,
         road_grey: float = 110.0,
-    ) -> View:
-        """The view from one camera.
+    ) -> NDArray[np.float32]:
+        """(H, W) what a perfect sensor would see.
 
         s_m: where along the course. things, shadows: what moves. drift: image motion during the exposure, as in
         `shade`. contrast: of the ground's texture, with `road_grey` in its place as it goes to 0.
@@ -152,12 +167,27 @@ class Renderer:
         widest = max(cx_px, camera.width - cx_px) / camera.focal_px
         canvas.draw(self.world, list_draws(self.world, T_world_camera, s_m, things, widest), K)
         grey = np.empty((camera.height, camera.width), np.float32)
-        inverse_depth, label = np.empty_like(grey), np.empty(grey.shape, np.uint8)
         texel_m = self.world.map_texel_m
         ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, _HAZE_GREY, texel_m])
+        sort_kinds(canvas.count, canvas.source, mesh.flags, mesh.textures, self._kinds, self._texture_of)
         shade(
-            *(canvas.planes, canvas.source, mesh.flags, mesh.textures, mesh.labels, canvas.ids),
-            *(atlas.texels, atlas.table, atlas.levels, K, np.ascontiguousarray(T_world_camera[:3, :3])),
-            *(TEXTURE_SKY, drift, shadows, ground, grey, inverse_depth, label),
+            *(
+                canvas.planes,
+                self._kinds,
+                self._texture_of,
+                canvas.ids,
+                atlas.texels,
+                atlas.starts,
+                atlas.sizes,
+            ),
+            *(K, np.ascontiguousarray(T_world_camera[:3, :3]), TEXTURE_SKY, drift, shadows, ground),
+            *(grey, self._scratch),
         )
+        return grey
+
+    def measured(self, grey: NDArray[np.float32]) -> View:
+        """The view whose grey was the last that `grey` gave."""
+        inverse_depth, label = np.empty_like(grey), np.empty(grey.shape, np.uint8)
+        canvas = self._canvas
+        measure(canvas.planes, canvas.source, self.world.mesh.labels, canvas.ids, inverse_depth, label)
         return View(grey, inverse_depth, label)

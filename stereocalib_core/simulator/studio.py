@@ -100,13 +100,17 @@ class Studio:
 
     def _view(self, side: int, frame: int, things: list[Instance], shadows: Array) -> View:
         """One camera's view; side 0 is the left."""
+        return self._renderers[side].measured(self._grey(side, frame, things, shadows))
+
+    def _grey(self, side: int, frame: int, things: list[Instance], shadows: Array) -> NDArray[np.float32]:
+        """(H, W) of one camera's view."""
         T = self.T_world_right(frame) if side else self.drive.T_world_camera[frame]
         cx = self.camera.cx_px
         if side and self.camera.cx_right_px is not None:
             cx = self.camera.cx_right_px
         contrast = 0.03 if any_active(self.settings.faults, "low_texture", frame) else 1.0
         s_m = float(self.drive.s_m[frame])
-        return self._renderers[side].view(T, s_m, things, shadows, cx, self.drift(frame, T), contrast)
+        return self._renderers[side].grey(T, s_m, things, shadows, cx, self.drift(frame, T), contrast)
 
     def frame(self, frame: int) -> tuple[Picture, Picture, NDArray[np.float32] | None]:
         """What is recorded: left, right (H, W) uint8, and the LiDAR's scan (N, 4) float32 where there is one."""
@@ -142,7 +146,7 @@ class Studio:
     def _picture(self, side: int, frame: int, things: list[Instance], shadows: Array) -> Picture:
         """One camera's picture."""
         s = self.settings
-        grey = spoil(self._view(side, frame, things, shadows).grey, s.faults, frame, side, s.seed)
+        grey = spoil(self._grey(side, frame, things, shadows), s.faults, frame, side, s.seed)
         gain = 1.0 + side * EXPOSURE_DIFFERENCE * s.exposure_difference
         noise = s.noise * noise_factor(s.faults, frame)
         picture = np.empty(grey.shape, np.uint8)

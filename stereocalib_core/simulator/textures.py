@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,14 +36,25 @@ _INVERSE = 1.0 / np.maximum(np.arange(33), 1)
 class Atlas:
     """All textures with all their levels.
 
-    texels: (T,) uint8, every level of every texture, row by row.
+    texels: (T + 3,) uint8, every level of every texture, row by row.
     table: (N, MAX_LEVELS, 3) int64: offset, log2 width, log2 height of each level.
     levels: (N,) int64 number of levels.
+    starts, sizes: the same as `sample_wide` takes it.
     """
 
     texels: NDArray[np.uint8]
     table: NDArray[np.int64]
     levels: NDArray[np.int64]
+
+    @cached_property
+    def starts(self) -> NDArray[np.int64]:
+        """(N MAX_LEVELS,) where each level begins."""
+        return np.ascontiguousarray(self.table[:, :, 0]).ravel()
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        """(N,) log2 width, 256 log2 height and 65536 levels of each texture."""
+        return np.asarray(self.table[:, 0, 1] + 256 * self.table[:, 0, 2] + 65536 * self.levels)
 
 
 def build_atlas(textures: Sequence[NDArray[np.uint8]]) -> Atlas:
@@ -62,6 +74,8 @@ def build_atlas(textures: Sequence[NDArray[np.uint8]]) -> Atlas:
             if width == 1 and height == 1:
                 break
             level = halve(level)
+    # four texels are read at a time
+    parts.append(np.zeros(3, np.uint8))
     return Atlas(np.concatenate(parts), table, levels)
 
 

@@ -13,6 +13,7 @@ from stereocalib_core import simulator as synthetic
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import GroundTruth, StereoFrame
 from stereocalib_core.geometry import StereoCamera
+from stereocalib_core.numeric import wide
 from stereocalib_core.simulator.cache import FrameCache, Pictures
 from stereocalib_core.simulator.faults import any_active
 from stereocalib_core.simulator.lookahead import Lookahead
@@ -22,9 +23,9 @@ from stereocalib_core.simulator.studio import FrameTruth, Studio
 
 @cache
 def renderer_version() -> str:
-    """Changes with the code of the renderer: the digest of its own sources."""
+    """Changes with the code of the renderer: the digest of its own sources, and of its arithmetic."""
     digest = hashlib.sha256()
-    for path in sorted(Path(synthetic.__file__).parent.glob("*.py")):
+    for path in [*sorted(Path(synthetic.__file__).parent.glob("*.py")), Path(wide.__file__)]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
