@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stereocalib_core.calibration import StereoCalibration
 from stereocalib_core.config.reading import UNSTATED_FPS
 from stereocalib_core.errors import SourceError
-from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
+from stereocalib_core.frames import GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import Array, transform
 from stereocalib_core.sources.calibrations import Found, find_calibration, read_calibration
 from stereocalib_core.sources.calibrations.rectify import Opened, Rectifier, opened
@@ -145,9 +144,3 @@ def calibration_for(options: Mapping[str, str], *folders: Path, what: str = "") 
     )
     remedy += "OpenCV, ROS or Kalibr there, or name one by --calibration"
     raise SourceError(f"no camera.yaml beside {what or 'the pictures'}", folders[0], remedy)
-
-
-def calibration_of(source: FrameSource) -> StereoCalibration:
-    """What the files of a source say of its pair, or what its rectified camera is."""
-    found = getattr(source, "calibration", None)
-    return found if isinstance(found, StereoCalibration) else StereoCalibration.of_camera(source.camera)

@@ -79,14 +79,6 @@ def frame_times(
     return picked, times.epoch_s, notes
 
 
-def poses_from_rows(rows_12: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 12) KITTI rows to (N, 4, 4) poses in the first frame's own axes; NaN rows stay NaN."""
-    poses = np.full((len(rows_12), 4, 4), np.nan)
-    poses[:, :3, :] = rows_12.reshape(-1, 3, 4)
-    poses[:, 3, :] = [0.0, 0.0, 0.0, 1.0]
-    return from_first(poses)
-
-
 def from_first(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 4, 4) poses re-expressed in the first frame that has one; frames without one become all NaN."""
     known = np.isfinite(poses).all(axis=(1, 2))

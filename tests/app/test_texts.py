@@ -14,7 +14,7 @@ from stereocalib_app.drive.path_state import PathState
 from stereocalib_app.drive.session import Snapshot
 from stereocalib_app.drive.summary import path_legend
 from stereocalib_app.widgets import palette, text
-from stereocalib_app.widgets.chart import Chart, Curve, chart_data, edges, fixed_range, now_line, unbridged
+from stereocalib_app.widgets.chart import Chart, Curve, chart_data, edges, now_line
 from stereocalib_app.widgets.copy_button import copy_button
 from stereocalib_app.words import lessons
 
@@ -141,20 +141,6 @@ def test_faults_become_keys_of_the_source() -> None:
     with pytest.raises(ConfigError):
         faults.fault_words("rectification", "height", 0.1, 0, None)
     assert shlex.quote(spec) != spec
-
-
-def test_ranges_are_fixed_and_calm() -> None:
-    values = np.concatenate([np.full(200, 1.65), [9.0], [np.nan]])
-    low, high = fixed_range(values, 0.12)
-    assert low < 1.65 < high < 2.0
-    assert fixed_range(values + 0.01, 0.12, (low, high)) == (low, high)
-    assert fixed_range(np.full(3, np.nan), 0.12) == (-0.06, 0.06)
-
-
-def test_missing_data_is_not_bridged() -> None:
-    line = unbridged(np.array([np.nan, 1.0, np.nan, 1.2, np.nan]), 0.9)
-    assert np.isnan(line[[0, 4]]).all()
-    assert line[2] < -900
 
 
 def test_failed_spans_stand_upright_and_no_dot_is_invented() -> None:

@@ -18,7 +18,7 @@ from stereocalib_app.drive.page_words import to_words
 from stereocalib_app.drive.session import Session, Snapshot
 from stereocalib_app.drive.settings import Corrections, Settings
 from stereocalib_core.back.evaluation import evaluate
-from stereocalib_core.config import PipelineConfig, to_dict
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import OutputError, StereoCalibError
 from stereocalib_core.files import io
 from stereocalib_core.files.extrinsics import write_extrinsics_csv
@@ -147,11 +147,6 @@ def file_name(session: Session, settings: Settings, name: str) -> str:
 
 
 LONGEST_NAME = 120
-
-
-def config_json(session: Session) -> str:
-    """The configuration as `--config` reads it."""
-    return json.dumps(to_dict(session.config), indent=2)
 
 
 def page_command(session: Session, settings: Settings, frame: int, tolerance: Path | None = None) -> str:

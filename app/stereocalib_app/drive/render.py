@@ -47,11 +47,6 @@ def classes_of(stages: RoadResult) -> NDArray[np.uint8]:
     return classes
 
 
-def picture_height(camera: StereoCamera, width: int) -> int:
-    """Height of a picture of the camera's shape."""
-    return int(round(camera.height * width / camera.width))
-
-
 def draw_road(
     picture: Picture, camera: StereoCamera, extrinsics: Extrinsics, color: palette.Rgb, labels: bool
 ) -> None:

@@ -57,40 +57,6 @@ class Chart:
     edges: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
 
-def fixed_range(
-    values: NDArray[np.float64], least_span: float, previous: tuple[float, float] | None = None
-) -> tuple[float, float]:
-    """A range that holds nearly all values with some air; an earlier range is kept while it still fits."""
-    good = values[np.isfinite(values)]
-    if len(good) == 0:
-        return previous or (-least_span / 2, least_span / 2)
-    low, high = np.percentile(good, [1.0, 99.0])
-    span = max(high - low, least_span)
-    middle = (low + high) / 2
-    wanted = (middle - 0.72 * span, middle + 0.72 * span)
-    if previous is not None:
-        fits = previous[0] <= low - 0.05 * span and previous[1] >= high + 0.05 * span
-        if fits and previous[1] - previous[0] < 2.2 * span:
-            return previous
-    return wanted
-
-
-def unbridged(values: NDArray[np.float64], low: float) -> NDArray[np.float64]:
-    """Gaps inside a line go below the plot, where uPlot would bridge them; unknown ends stay NaN."""
-    known = np.flatnonzero(np.isfinite(values))
-    out = values.copy()
-    if len(known):
-        inner = out[known[0] : known[-1] + 1]
-        inner[~np.isfinite(inner)] = low - 1000.0
-    return out
-
-
-def failed_band(failed: NDArray[np.bool_], y_range: tuple[float, float]) -> tuple[NDArray, NDArray]:
-    """Upper and lower edge of a band that covers the whole height where `failed`."""
-    low, high = y_range
-    return np.where(failed, high, low), np.full(len(failed), low)
-
-
 def thinned(x: NDArray[np.float64], curves: tuple[Curve, ...]) -> tuple[NDArray[np.float64], list[NDArray]]:
     """At most MAX_COLUMNS columns."""
     step = int(np.ceil(len(x) / MAX_COLUMNS))
