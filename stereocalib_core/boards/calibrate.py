@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.boards.baselines import points_on_plane, unnikrishnan_hebert
 from stereocalib_core.boards.beams import Beams, find_beams
+from stereocalib_core.boards.between_pictures import weighed_by_lens
 from stereocalib_core.boards.calibration import Calibration, HeldOut
 from stereocalib_core.boards.camera import BoardCamera
 from stereocalib_core.boards.centres import Centres
@@ -199,6 +200,7 @@ def _finish(
             problem, refined, scale, beams = _joint(
                 kept, board, refined.state.camera, noise, refined.state.T_camera_lidar, with_intrinsics
             )
+            problem, refined = weighed_by_lens(problem, refined)
         doubt = second_opinion(problem, refined)
     state = refined.state
     uncertain = with_scale(with_plane_errors(pairs, *problem.plane_sigma), state.scale)

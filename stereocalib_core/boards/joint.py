@@ -187,13 +187,8 @@ def linearise(problem: JointProblem, state: JointState, free: Free) -> NormalEqu
     """Normal equations at `state`: corners into board poses, intrinsics and scale; points into everything else."""
     boards = len(problem.counts)
     H_gg, g_g, H_gb, H_bb, g_b = _lidar_equations(problem, state)
-    points = _on_boards(problem, state)
-    pixels, d_pixels = state.camera.project_with_jacobian(points)
-    sigma = problem.corner_sigma[:, None, None]
-    error = ((pixels - problem.corners) / sigma).reshape(boards, -1)
+    error, J_b, points, d_pixels = corner_rows(problem, state)
     weight = _huber_weight(error.reshape(boards, -1, 2)).reshape(boards, -1)
-    J_b = np.concatenate([-d_pixels @ skew(points), d_pixels], axis=-1).reshape(boards, -1, 6)
-    J_b = J_b / sigma
     WJ_b = weight[..., None] * J_b
     H_bb[:, :6, :6] += np.swapaxes(J_b, 1, 2) @ WJ_b
     g_b[:, :6] += np.einsum("mrk,mr->mk", WJ_b, error)
@@ -201,7 +196,7 @@ def linearise(problem: JointProblem, state: JointState, free: Free) -> NormalEqu
     if problem.centres is not None:
         by_centres, toward_centres = problem.centres.equations(state.T_camera_lidar, state.scale)
         H_gg, g_g = H_gg + by_centres[:6, :6], g_g + toward_centres[:6]
-    J_k = _shared_columns(problem, state, free, points, d_pixels)
+    J_k = shared_columns(problem, state, free, points, d_pixels)
     if J_k is None:
         return NormalEquations(H_gg, H_gb, H_bb, g_g, g_b)
     q = J_k.shape[-1]
@@ -220,7 +215,19 @@ def linearise(problem: JointProblem, state: JointState, free: Free) -> NormalEqu
     return NormalEquations(grown, grown_b, H_bb, grown_g, g_b)
 
 
-def _shared_columns(
+def corner_rows(problem: JointProblem, state: JointState) -> tuple[Array, Array, Array, Array]:
+    """(M, 2N) errors over their sigma, (M, 2N, 6) derivatives by the boards' twists, points (M, N, 3) in the camera's
+    frame and (M, N, 2, 3) derivatives of their pixels."""
+    boards = len(problem.counts)
+    points = _on_boards(problem, state)
+    pixels, d_pixels = state.camera.project_with_jacobian(points)
+    sigma = problem.corner_sigma[:, None, None]
+    error = ((pixels - problem.corners) / sigma).reshape(boards, -1)
+    J_b = np.concatenate([-d_pixels @ skew(points), d_pixels], axis=-1).reshape(boards, -1, 6)
+    return error, J_b / sigma, points, d_pixels
+
+
+def shared_columns(
     problem: JointProblem, state: JointState, free: Free, points: Array, d_pixels: Array
 ) -> Array | None:
     """(M, 2N, q) derivatives of all corners by what they share: intrinsics, then the board's scale."""

@@ -165,6 +165,8 @@ class SecondOpinionConfig:
     """A sound file is doubted this rarely."""
     certain_sigmas: float = 3.0
     """A square is called wrong beyond so many sigmas, its own and the ruler's together."""
+    least_share: float = 1e-9
+    """Of the largest singular value: intrinsics that a picture tells apart no better are one number to it."""
 
 
 @dataclass(frozen=True)

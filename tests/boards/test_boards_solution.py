@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.boards.beams import beams_of, find_beams
+from stereocalib_core.boards.between_pictures import lens_scatter
 from stereocalib_core.boards.calibrate import calibrate
 from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.camera import BoardCamera
@@ -153,6 +154,27 @@ def test_a_wrong_focal_length_widens_sigma_until_it_is_refined() -> None:
     sound = calibrate(boards(14, 2), BOARD, CAMERA)
     assert sound.doubt is not None
     assert not sound.doubt.beyond_chance
+
+
+def test_pictures_that_disagree_on_the_lens_widen_the_cameras_sigma() -> None:
+    """Every picture through a slightly other lens: within a picture its pose hides it, between them it shows."""
+    white, breathing = boards(12, 8), []
+    rng = np.random.default_rng(8)
+    for o in white:
+        assert o.corners is not None
+        radius = (o.corners - CAMERA.K[:2, 2]) / CAMERA.K[0, 0]
+        bent = 30.0 * rng.standard_normal() * radius * np.sum(radius**2, axis=1, keepdims=True)
+        breathing.append(posed_again(replace(o, corners=o.corners + bent), CAMERA, BOARD))
+    own, taken = [], []
+    for observations in (white, breathing):
+        result = calibrate(observations, BOARD, CAMERA, with_intrinsics=True)
+        assert result.solved is not None
+        state = result.solved.refined.state
+        own.append(lens_scatter(joint_problem(observations, BOARD, result.camera, result.noise), state)[0])
+        taken.append(lens_scatter(result.solved.problem, state)[0])
+    assert own[0] == pytest.approx(1.0, abs=0.5)
+    assert own[1] > 3.0
+    assert max(taken) < 1.2
 
 
 def errors(result: Calibration) -> Array:
