@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.boards.beam_variance import RowSums, mean_variance, row_sums
 from stereocalib_core.boards.joint import (
     JointProblem,
     JointState,
@@ -27,24 +28,16 @@ from stereocalib_core.numeric.arrays import Array
 
 @dataclass(frozen=True)
 class Beams:
-    """owner: (P,) the beam of each point of a problem; count of beams; sigma_m: 1 sigma of their own range errors.
+    """owner: (P,) the beam of each point of a problem; count of beams; sigma_m: 1 sigma of their own range errors, the
+    doubt in it included.
 
-    freedom: how many independent numbers sigma_m rests on (as chi^2 would count them).
     shared: (3 M, 3 M) covariance that they give to the boards' mismatches (`solve.mismatch`), in common.
     """
 
     owner: NDArray[np.int64]
     count: int
     sigma_m: float
-    freedom: float
     shared: Array
-
-    @property
-    def variance(self) -> float:
-        """Of a beam's error [m^2], the doubt in sigma_m included: few beams are met, and Student's t with so many
-        degrees of freedom is wider than a Gaussian of the same sigma by nu / (nu - 2)."""
-        freedom = max(self.freedom, BEAM.least_freedom)
-        return self.sigma_m**2 * freedom / (freedom - 2.0)
 
 
 def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) -> Beams | None:
@@ -53,9 +46,9 @@ def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) 
     if owner is None:
         return None
     count = int(owner.max()) + 1
-    sigma, freedom = _beam_sigma(problem, state, owner, count)
+    variance = mean_variance(_rows(problem, state, owner, count))
     response = _plane_response(problem, state, owner, count, normals_camera)
-    return Beams(owner, count, sigma, freedom, sigma**2 * response @ response.T)
+    return Beams(owner, count, float(np.sqrt(variance)), variance * response @ response.T)
 
 
 def beams_of(rays: Array) -> NDArray[np.int64] | None:
@@ -76,65 +69,18 @@ def beams_of(rays: Array) -> NDArray[np.int64] | None:
     return owner
 
 
-def _beam_sigma(
-    problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int
-) -> tuple[float, float]:
-    """Spread of the beams' errors [m] and its degrees of freedom: rows against their boards' planes, planes left free.
-
-    A row's mean is a * (1, x, y) of its board plus its beam's error plus noise; the errors' variance is that of
-    largest likelihood (expectation and maximisation).
-    """
-    rows = _rows(problem, state, owner, count)
-    if rows is None:
-        return 0.0, 0.0
-    board, beam, places, means = rows
-    boards = len(problem.counts)
-    A, c, left = np.zeros((count, count)), np.zeros(count), 0.0
-    freedom = 0
-    for i in range(boards):
-        mine = board == i
-        if mine.sum() <= 3:
-            continue
-        q = places[mine]
-        project = np.eye(len(q)) - q @ np.linalg.pinv(q)
-        Z = np.zeros((len(q), count))
-        Z[np.arange(len(q)), beam[mine]] = 1.0
-        A += Z.T @ project @ Z
-        c += Z.T @ project @ means[mine]
-        left += float(means[mine] @ project @ means[mine])
-        freedom += len(q) - 3
-    seen = np.diag(A) > 0
-    if freedom <= int(seen.sum()):
-        return 0.0, 0.0
-    A, c, K = A[np.ix_(seen, seen)], c[seen], int(seen.sum())
-    variance, noise = left / freedom / 2, left / freedom / 2
-    for _ in range(BEAM.rounds):
-        B = np.linalg.inv(A / noise + np.eye(K) / variance)
-        b = B @ c / noise
-        variance = max(float(b @ b + np.trace(B)) / K, 1e-12)
-        rest = left - 2 * float(b @ c) + float(b @ A @ b) + float(np.trace(A @ B))
-        noise = max(rest / freedom, 1e-12)
-    # Twice the squared variance over the variance of its estimate (from the likelihood's information).
-    told = np.linalg.eigvalsh(A) * variance / noise
-    return float(np.sqrt(variance)), float(np.sum((told / (1.0 + told)) ** 2))
-
-
-def _rows(
-    problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
-    """Board, beam, mean (1, x, y) and mean range error [m] of every row of a board with enough points."""
+def _rows(problem: JointProblem, state: JointState, owner: NDArray[np.int64], count: int) -> RowSums:
+    """What the rows with enough points say of the beams' errors."""
     along, miss = beam_columns(problem, state)
     cell = problem.owner * count + owner
     size = np.bincount(cell, minlength=len(problem.counts) * count)
     used = np.flatnonzero(size >= BEAM.least_points)
-    if not len(used):
-        return None
 
     def mean(values: Array) -> Array:
         return np.bincount(cell, values, len(size))[used] / size[used]
 
     places = np.column_stack([np.ones(len(used)), mean(along[:, 0]), mean(along[:, 1])])
-    return used // count, used % count, places, mean(miss)
+    return row_sums(used // count, used % count, places, mean(miss), count)
 
 
 def pull_of_beams(

@@ -24,6 +24,7 @@ from stereocalib_core.boards.observability import (
     is_edge_on,
     leave_open,
     observability,
+    too_uncertain,
 )
 from stereocalib_core.boards.observation import BoardSpec, PairObservation, PlaneEstimate
 from stereocalib_core.boards.outcome import held_out, pair_results, refused_result
@@ -38,9 +39,12 @@ from stereocalib_core.boards.second_opinion import (
 )
 from stereocalib_core.boards.solve import (
     PlanePairs,
+    covariance_of,
     dual_space,
     mismatch,
     mismatch_covariance,
+    split_covariance,
+    weighted,
 )
 from stereocalib_core.boards.variance_components import (
     SCALE_IS_STATED,
@@ -51,7 +55,7 @@ from stereocalib_core.boards.variance_components import (
     with_scale,
 )
 from stereocalib_core.boards.wrong_pairs import wrong_pairs
-from stereocalib_core.config.boards import BEAM, REFINE, VARIANCE
+from stereocalib_core.config.boards import REFINE, VARIANCE
 from stereocalib_core.config.boards_search import CONSENSUS
 from stereocalib_core.errors import SourceError
 from stereocalib_core.numeric.arrays import Array
@@ -180,8 +184,9 @@ def _finish(
 ) -> Calibration:
     """Solve, refine and check with the pairs that are left."""
     pairs = _plane_pairs(kept)
-    left_open = leave_open(pairs.normals_camera)
-    linear = _dual_space(pairs, start if left_open else None)
+    narrow = leave_open(pairs.normals_camera)
+    linear = _dual_space(pairs, start if narrow else None)
+    left_open = narrow and _lost(pairs, linear)
     doubt: Doubt | None = None
     beams: Beams | None = None
     if left_open:
@@ -192,13 +197,19 @@ def _finish(
         # What beams and ruler leave open counts here most of all: these boards hardly see a direction.
         beams = _beams_of(kept, board, camera, noise, pairs, linear)
     else:
-        problem, refined, scale, beams = _joint(kept, board, camera, noise, linear, with_intrinsics)
+        problem, refined, scale, beams = _joint(kept, board, camera, noise, linear, with_intrinsics, narrow)
         if with_intrinsics:
             # Planes and their noise again, as the better camera sees them.
             kept = [posed_again(o, refined.state.camera, board) for o in kept]
             pairs = _plane_pairs(kept)
             problem, refined, scale, beams = _joint(
-                kept, board, refined.state.camera, noise, refined.state.T_camera_lidar, with_intrinsics
+                kept,
+                board,
+                refined.state.camera,
+                noise,
+                refined.state.T_camera_lidar,
+                with_intrinsics,
+                narrow,
             )
             problem, refined = weighed_by_lens(problem, refined)
         doubt = second_opinion(problem, refined)
@@ -207,7 +218,7 @@ def _finish(
     scatter = _scatter(uncertain, state.T_camera_lidar, None if beams is None else beams.shared)
     solved = Solved(problem, refined, 1.0 if left_open else scatter, doubt, beams)
     covariance = covariance_with_doubt(solved)
-    verdict = observability(pairs.normals_camera, covariance, edge_on)
+    verdict = observability(pairs.normals_camera, covariance, edge_on, left_open)
     results, plane_rms, corner_rms = pair_results(observations, kept, uncertain, problem, state, refused)
     return Calibration(
         state.T_camera_lidar, covariance, linear,
@@ -218,13 +229,20 @@ def _finish(
     )  # fmt: skip
 
 
+def _lost(pairs: PlanePairs, T_camera_lidar: Array) -> bool:
+    """Whether planes that are a little off as a whole leave some direction so uncertain that it counts as not seen."""
+    usual = with_plane_errors(pairs, VARIANCE.first_tilt_rad, VARIANCE.first_offset_m)
+    return too_uncertain(split_covariance(covariance_of(weighted(usual, T_camera_lidar)[1]), T_camera_lidar))
+
+
 def _joint(
     kept: list[PairObservation], board: BoardSpec, camera: BoardCamera, noise: Noise, start: Array,
-    with_intrinsics: bool,
+    with_intrinsics: bool, narrow: bool,
 ) -> tuple[JointProblem, Refined, BoardScale, Beams | None]:  # fmt: skip
     """How far whole planes are off, the board's scale, then everything together.
 
-    The result is for the size that is stated, unless the LiDAR is sure of another.
+    The result is for the size that is stated, unless the LiDAR is sure of another. Where the normals are `narrow`, in
+    one plane but for a few degrees, the planes alone speak: outlines would decide what they hardly see.
     """
     pairs = _plane_pairs(kept)
     beams = _beams_of(kept, board, camera, noise, pairs, start)
@@ -232,7 +250,8 @@ def _joint(
     better, size, _ = solve_with_scale(
         with_plane_errors(pairs, *plane_sigma), start, VARIANCE.loose_scale_sigma
     )
-    problem = joint_problem(kept, board, camera, noise, plane_sigma, Centres.of(kept, better, size))
+    centres = None if narrow else Centres.of(kept, better, size)
+    problem = joint_problem(kept, board, camera, noise, plane_sigma, centres)
     boards = np.array([o.T_camera_board for o in kept])
     boards[:, :3, 3] *= size
     loose = Free(True, with_intrinsics, True, VARIANCE.loose_scale_sigma)
@@ -249,9 +268,7 @@ def _joint(
 def _beams_of(
     kept: list[PairObservation], board: BoardSpec, camera: BoardCamera, noise: Noise, pairs: PlanePairs, start: Array
 ) -> Beams | None:  # fmt: skip
-    """The LiDAR's beams, if it has any to speak of and there are boards enough to tell."""
-    if len(kept) < BEAM.least_boards:
-        return None
+    """The LiDAR's beams, if it has any to speak of."""
     problem = joint_problem(kept, board, camera, noise)
     state = JointState(start, np.array([o.T_camera_board for o in kept]), camera)
     return find_beams(problem, state, pairs.normals_camera)

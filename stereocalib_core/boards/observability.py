@@ -32,10 +32,13 @@ class Observability:
     missing: Array | None = None
 
 
-def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, ...] = ()) -> Observability:
+def observability(
+    normals_camera: Array, covariance: Array, edge_on: tuple[str, ...] = (), left_open: bool = True
+) -> Observability:
     """(M, 3) board normals in the camera frame and the (6, 6) covariance of (rotation, translation) to a verdict.
 
-    `edge_on` are the names of boards that were left out because their plane passes through a sensor's origin.
+    left_open: whether normals that are nearly parallel, or nearly in one plane, are so beyond what sigma could say of
+    them. `edge_on` are the names of boards that were left out because their plane passes through a sensor's origin.
     """
     count = len(normals_camera)
     stacked = np.vstack([normals_camera, np.zeros((3, 3))])
@@ -51,7 +54,7 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
     mean = normals_camera.mean(axis=0)
     missing = directions[2] * (1.0 if directions[2][np.argmax(np.abs(directions[2]))] > 0 else -1.0)
     advice = _advice(directions[0] * np.sign(directions[0] @ mean or 1.0), missing)
-    if count < 2 or values[1] < OBSERVABILITY.degenerate:
+    if count < 2 or (left_open and values[1] < OBSERVABILITY.degenerate):
         spread = np.rad2deg(values[1])
         why = (
             f"all {count} boards are parallel within {spread:.1f} deg: the turn about their normal, "
@@ -59,7 +62,7 @@ def observability(normals_camera: Array, covariance: Array, edge_on: tuple[str, 
             f"{name_direction(missing)}, cannot be observed"
         )
         return Observability(values, "degenerate", f"{why}; {advice}. {through}".strip(), missing)
-    if count < 3 or values[2] < OBSERVABILITY.degenerate:
+    if count < 3 or (left_open and values[2] < OBSERVABILITY.degenerate):
         why = (
             f"the normals of the {count} boards lie in one plane: the shift along {name_direction(missing)} "
             "cannot be observed"
@@ -78,11 +81,11 @@ def _by_sigma(values: Array, covariance: Array, missing: Array, advice: str, cou
     turn, turn_axis = _worst(covariance[:3, :3])
     shift, shift_axis = _worst(covariance[3:, 3:])
     numbers = f"sigma {1000 * shift:.1f} mm along {name_direction(shift_axis)}, {np.rad2deg(turn):.2f} deg"
-    if shift > OBSERVABILITY.lost_m or turn > OBSERVABILITY.lost_rad:
+    if too_uncertain(covariance):
         return Observability(
             values, "degenerate", f"too uncertain to be used: {numbers}; {advice}.", shift_axis
         )
-    if shift > OBSERVABILITY.poor_m or turn > OBSERVABILITY.poor_rad or values[2] < OBSERVABILITY.weak:
+    if shift > OBSERVABILITY.poor_m or turn > OBSERVABILITY.poor_rad or values[2] < OBSERVABILITY.degenerate:
         return Observability(
             values, "weak", f"{name_direction(missing)} is hardly seen: {numbers}; {advice}.", missing
         )
@@ -91,6 +94,12 @@ def _by_sigma(values: Array, covariance: Array, missing: Array, advice: str, cou
             values, "weak", f"three boards leave nothing to check them with: {numbers}; add a few.", None
         )
     return Observability(values, "good", f"{count} boards see every direction: {numbers}.", None)
+
+
+def too_uncertain(covariance: Array) -> bool:
+    """(6, 6) of (rotation, translation): whether some direction is as good as not seen."""
+    shift, turn = _worst(covariance[3:, 3:])[0], _worst(covariance[:3, :3])[0]
+    return shift > OBSERVABILITY.lost_m or turn > OBSERVABILITY.lost_rad
 
 
 def _worst(covariance: Array) -> tuple[float, Array]:

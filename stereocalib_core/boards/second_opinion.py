@@ -149,7 +149,7 @@ def covariance_with_doubt(solved: Solved, information: Information | None = None
     if solved.beams is not None:
         # Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams.
         by_beams = pseudo_inverse(own)[:6] @ asked.by_beams
-        covariance = covariance + solved.beams.variance * by_beams @ by_beams.T
+        covariance = covariance + solved.beams.sigma_m**2 * by_beams @ by_beams.T
     covariance = split_covariance(covariance, held.state.T_camera_lidar)
     return covariance if solved.doubt is None else covariance + solved.doubt.moved
 

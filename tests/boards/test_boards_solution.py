@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stereocalib_core.boards.beam_variance import RowSums, mean_variance, row_sums
 from stereocalib_core.boards.beams import beams_of, find_beams
 from stereocalib_core.boards.between_pictures import lens_scatter
 from stereocalib_core.boards.calibrate import calibrate
@@ -21,7 +22,7 @@ from stereocalib_core.boards.planes import fit_plane
 from stereocalib_core.boards.rotations import apply_twist, rotation_from_vector, rotation_vector
 from stereocalib_core.boards.solve import PlanePairs
 from stereocalib_core.boards.variance_components import plane_sigmas, with_plane_errors
-from stereocalib_core.config.boards import VARIANCE
+from stereocalib_core.config.boards import BEAM, VARIANCE
 from stereocalib_core.experiments.lidar_camera_simulation import (
     BOARD,
     CAMERA,
@@ -228,6 +229,30 @@ def test_beams_are_told_apart_by_elevation_and_their_errors_measured() -> None:
     assert beams.sigma_m == pytest.approx(float(bias.std()), rel=0.5)
     scattered = rng.standard_normal((4000, 3))
     assert beams_of(scattered / np.linalg.norm(scattered, axis=1, keepdims=True)) is None
+
+
+def rows_of(sigma_m: float, boards: int, rows: int, seed: int = 0) -> RowSums:
+    """Boards that some rows of 12 beams cross, each beam with an error of its own, 2 mm of noise on every row."""
+    rng = np.random.default_rng(seed)
+    bias = sigma_m * rng.standard_normal(12)
+    board = np.repeat(np.arange(boards), rows)
+    beam = (np.tile(np.arange(rows), boards) + np.repeat(rng.integers(0, 13 - rows, boards), rows)).astype(
+        np.int64
+    )
+    places = np.column_stack([np.ones(len(beam)), rng.uniform(-0.3, 0.3, len(beam)), 0.1 * beam])
+    return row_sums(board, beam, places, bias[beam] + 0.002 * rng.standard_normal(len(beam)), 12)
+
+
+def test_beams_that_rows_hardly_show_are_taken_for_usual_ones() -> None:
+    """Three rows make a plane whatever their beams do; only more of them tell, and then the data decide."""
+    usual = np.sqrt(mean_variance(rows_of(0.0, 8, 3)))
+    assert usual == pytest.approx(
+        np.sqrt(BEAM.usual_freedom / (BEAM.usual_freedom - 2)) * BEAM.usual_sigma_m, rel=0.4
+    )
+    assert usual == np.sqrt(mean_variance(rows_of(0.02, 8, 3)))
+    assert np.sqrt(mean_variance(rows_of(0.0, 60, 9))) < 0.6 * BEAM.usual_sigma_m
+    measured = np.sqrt(np.mean([mean_variance(rows_of(0.02, 12, 8, seed)) for seed in range(12)]))
+    assert measured == pytest.approx(0.02, rel=0.3)
 
 
 def weak_set(seed: int) -> list[PairObservation]:

@@ -14,6 +14,7 @@ from stereocalib_core.boards.planes import fit_plane, plane_through, tangent_bas
 from stereocalib_core.boards.report import to_dict
 from stereocalib_core.boards.rotations import rotation_angle, rotation_from_vector
 from stereocalib_core.boards.solve import PlanePairs, dual_space, weighted
+from stereocalib_core.config.boards import OBSERVABILITY
 from stereocalib_core.errors import SourceError
 from stereocalib_core.experiments.lidar_camera_simulation import (
     BOARD,
@@ -172,6 +173,19 @@ def test_boards_turned_about_one_axis_leave_the_shift_along_it_open() -> None:
     # What is open is said to be unknown; what the boards do show is still right.
     assert result.sigma_translation_m[1] > 0.1
     assert np.rad2deg(rotation_angle(result.T_camera_lidar[:3, :3] @ T_CAMERA_LIDAR[:3, :3].T)) < 1.5
+
+
+def test_boards_hardly_off_one_axis_are_judged_by_their_sigma() -> None:
+    """A few degrees of tilt decide between 'unknown' and 'weak', and sigma says how weak."""
+    tilts = [(2.5, -35), (-3, -20), (2, -5), (-2, 10), (3, 25), (-2.5, 40)]
+    result = calibrate(facing(tilts, PAPER_NOISE), BOARD, CAMERA)
+    assert result.observability.singular_values[2] < OBSERVABILITY.degenerate
+    assert result.verdict == "weak"
+    assert "camera y (down) is hardly seen" in result.observability.why
+    assert "level axis" in result.observability.why
+    sigma = result.sigma_translation_m
+    assert OBSERVABILITY.poor_m < sigma[1] < OBSERVABILITY.lost_m
+    assert np.all(np.abs(result.T_camera_lidar[:3, 3] - T_CAMERA_LIDAR[:3, 3]) < 3 * sigma)
 
 
 def test_the_advised_board_mends_the_set() -> None:
