@@ -54,11 +54,24 @@ class PairConfig:
     sweep_sigma: float = 2.0
     """1 sigma of the share of a scan's time that moves its points: +1 or -1 by the sense of rotation, 0 where they
     were put right."""
-    first_noise_px: float = 0.3
-    least_noise_px: float = 0.02
+    lidar_range_m: float = 0.02
+    """1 sigma of a LiDAR's range. Source: data sheet of the HDL-64E."""
+    lidar_angle_deg: float = 0.02
+    """1 sigma of where a point of it is seen: a fifth of its beam's divergence (0.11 deg). Physics."""
+    match_px: float = 0.12
+    """1 sigma of the disparity of a patch on a surface that is a plane only nearly. Physics: some hundredths by noise,
+    a tenth by the surface."""
+    first_noise: float = 1.5
+    """What all of these are multiplied with, until the residuals say."""
+    least_noise: float = 0.1
     lidar_tuning: float = 3.0
     """Residual in sigmas at which a sample counts a quarter."""
     lidar_rounds: int = 10
+    half_rounds: int = 5
+    """... of a half of the scans, which starts where all of them ended."""
+    lidar_samples: int = 40_000
+    """Samples of a drive that are put together, every scan evenly thinned: with more, how LiDAR and camera are placed
+    is all that is unsure."""
     most_scale_sigma: float = 0.03
     """A scale less sure than this is none."""
     least_step_m: float = 0.3
@@ -94,9 +107,9 @@ class ScanDisparityConfig:
     """Of the fine match about the dense one."""
     most_px: float = 6.0
     """Difference of the two; 0.4 deg of relative yaw at 700 px. More is another thing than the LiDAR saw."""
-    most_tried: int = 900
-    """Surfaces of a scan that are matched; neighbours say the same."""
-    most_samples: int = 600
+    most_tried: int = 1200
+    """Surfaces of a scan that are matched: nearly all that a LiDAR of 64 beams shows, at 1 us of CPU each."""
+    most_samples: int = 700
     """Kept of each scan."""
     every: int = 3
     """So many scans pass before the next is compared, once the drive has shown `all_until` of them: a surface stays in

@@ -140,6 +140,10 @@ def pair_block(pair: Pair) -> Block:
         "yaw_halves_deg": [float(value) for value in np.rad2deg(pair.yaw_halves)],
         "yaw_thirds_deg": [float(value) for value in np.rad2deg(pair.yaw_thirds)],
         "lidar_offset_px": _measured(pair.by_lidar_px),
+        "lidar_halves": {
+            "disparity_offset_px": [offset for offset, _ in pair.lidar_halves],
+            "depth_scale": [scale for _, scale in pair.lidar_halves],
+        },
         "changes": [
             {
                 "frame": change.frame,

@@ -85,7 +85,7 @@ def _read_pair(rows: Fields, block: Fields) -> Pair:
     rows_verdict: Verdict = rows.choice("verdict", known) or "suspect"
     verdict: Verdict = block.choice("verdict", known) or rows_verdict
     rows_why = rows.text("why") or ""
-    scale, effects = block.block("depth_scale"), block.block("effects")
+    scale, effects, halves = (block.block(name) for name in ("depth_scale", "effects", "lidar_halves"))
     source, value = scale.choice("from", ("lidar", "truth", "none")), scale.number("value")
     of_pair = block if block.values else rows
     return Pair(
@@ -112,6 +112,13 @@ def _read_pair(rows: Fields, block: Fields) -> Pair:
             for change in block.blocks("changes")
         ),
         by_lidar_px=block.measured("lidar_offset_px"),
+        lidar_halves=tuple(
+            zip(
+                halves.list_of_numbers("disparity_offset_px"),
+                halves.list_of_numbers("depth_scale"),
+                strict=False,
+            )
+        ),
         effects=_read_effects(effects) if effects.values else None,
         yaw_reason=block.text("yaw_reason"),
         yaw_mends=block.flag("yaw_mends", otherwise=True),

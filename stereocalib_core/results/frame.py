@@ -109,6 +109,14 @@ class RectificationSample:
     matches: int
     keystone_rad: float = 0.0
 
+    def down_px(
+        self, focal_px: float, x_right: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) [px] right row minus left row: a (1 + y^2) + f x (roll + keystone y), x and y in the right picture over
+        the focal length."""
+        offset, _, roll = self.values
+        return np.asarray(offset * (1.0 + y * y) + focal_px * x_right * (roll + self.keystone_rad * y))
+
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
@@ -149,7 +157,7 @@ class RoadResidual:
 class FrameResult:
     """One frame through the front end. `road` is None exactly when `failure` is not.
 
-    disparities: (K, 6) by the LiDAR beside those by the pair, columns as in `front.scan.scan_disparity`.
+    disparities: (K, 8) by the LiDAR beside those by the pair, columns as in `front.scan.scan_disparity`.
     """
 
     frame: int

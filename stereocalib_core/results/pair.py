@@ -106,7 +106,8 @@ class Pair:
     pairs: how many pairs of frames gave the yaw. yaw_halves: [rad] by the odd and the even ones alone; yaw_thirds: by
         the parts of the drive.
     changes: knocks within the drive; the values are then those after the last one.
-    by_lidar_px: the disparity offset that the LiDAR shows, by itself.
+    by_lidar_px: the disparity offset that the LiDAR shows, by itself. lidar_halves: disparity offset [px] and depth
+        scale by the odd and by the even scans alone; empty where there are too few.
     effects: of the bend, None where none is known. yaw_reason: why there is no yaw.
     yaw_mends: whether the yaw is beyond what a scale of depth that nobody measured could undo: only then it is mended.
     """
@@ -130,6 +131,7 @@ class Pair:
     yaw_thirds: tuple[float, ...] = ()
     changes: tuple[PairChange, ...] = ()
     by_lidar_px: Measured | None = None
+    lidar_halves: tuple[tuple[float, float], ...] = ()
     effects: BendEffects | None = None
     yaw_reason: str | None = None
     yaw_mends: bool = True

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.packing import PackedTracks
-from stereocalib_core.back.rig.depth_scale import LidarDisparity, lidar_disparity, path_scale
+from stereocalib_core.back.rig.depth_scale import LidarDisparity, path_scale
 from stereocalib_core.back.rig.pair import robust_mean
+from stereocalib_core.back.rig.pair_by_lidar import by_lidar
 from stereocalib_core.back.rig.pair_changes import Step, steps, stretches
 from stereocalib_core.back.rig.relative_yaw import (
     RelativeYaw,
@@ -64,7 +65,7 @@ def calibrate_pair(
     yaw = relative_yaw(block, tracks.stereo_motion, moving, roll_pitch, config.pair)
     offset = _offset(yaw, camera)
     lidar = (
-        _by_lidar(camera, results, inside, tracks.stereo_motion, roll_pitch, config) if lidar_stands else None
+        by_lidar(camera, results, inside, tracks.stereo_motion, roll_pitch, config) if lidar_stands else None
     )
     scale = _scale(camera, yaw.solution, lidar, offset, truth, config)
     found = dataclasses.replace(
@@ -77,6 +78,7 @@ def calibrate_pair(
         yaw_thirds=tuple(yaw.thirds.tolist()) if yaw.measured else (),
         yaw_reason=yaw.reason,
         by_lidar_px=None if lidar is None else lidar.offset,
+        lidar_halves=_halves(lidar),
         changes=changes,
     )
     effects = bend_effects(camera, found, height_m, yaw.solution, tracks.stereo_motion)
@@ -89,6 +91,13 @@ def _offset(yaw: RelativeYaw, camera: StereoCamera) -> Measured | None:
     if not yaw.measured:
         return None
     return Measured(float(camera.focal_px * np.tan(yaw.yaw_rad)), camera.focal_px * yaw.sigma_rad)
+
+
+def _halves(lidar: LidarDisparity | None) -> tuple[tuple[float, float], ...]:
+    """Offset [px] and scale by the odd and the even scans, where both give them."""
+    if lidar is None or not np.isfinite(lidar.halves).all():
+        return ()
+    return tuple((float(offset), float(scale)) for offset, scale in lidar.halves)
 
 
 def _changes(
@@ -167,24 +176,6 @@ def _rows_within(rows: Pair, results: Sequence[FrameResult]) -> Pair:
     mean, error = robust_mean(values, sigma)
     offset, pitch, roll = (Measured(float(v), float(s)) for v, s in zip(mean, error, strict=True))
     return dataclasses.replace(rows, row_offset_px=offset, relative_pitch_rad=pitch, relative_roll_rad=roll)
-
-
-def _by_lidar(
-    camera: StereoCamera,
-    results: Sequence[FrameResult],
-    inside: NDArray[np.bool_],
-    motions: Array,
-    roll_pitch: tuple[Measured, Measured],
-    config: PipelineConfig,
-) -> LidarDisparity | None:
-    """What the scans of the stretch say."""
-    at = [i for i, r in enumerate(results) if inside[i] and r.disparities is not None]
-    if not at:
-        return None
-    samples = [r.disparities for i in at if (r := results[i]).disparities is not None]
-    steps_m = np.linalg.norm(motions[at, 3:6], axis=1)
-    held = roll_pitch[0].value, roll_pitch[1].value
-    return lidar_disparity(camera, samples, steps_m, held, config.pair)
 
 
 def _scale(
@@ -282,6 +273,11 @@ def _why(pair: Pair, config: PipelineConfig) -> str:
         whom = "the LiDAR" if scale.source == "lidar" else "the known path"
         share, sigma = 100.0 * (scale.value - 1.0), 100.0 * scale.sigma
         parts.append(f"by {whom} depths are to be scaled by {share:+.2f} +- {sigma:.2f} %")
+    if pair.lidar_halves:
+        offset_px, part = np.abs(np.diff(np.array(pair.lidar_halves), axis=0)[0])
+        parts[-1] += (
+            f" (odd and even scans differ by {offset_px:.3f} px of offset and {100 * part:.2f} % of scale)"
+        )
     return "; ".join([*parts, pair.rows_why])
 
 

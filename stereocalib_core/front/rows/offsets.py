@@ -14,12 +14,10 @@ def rows_down(
 ) -> Array:
     """(N,) [px] right row minus left row of left points (N, 2) with (N,) geometric disparities.
 
-    a (1 + y^2) + f (roll x + keystone x y), x and y in the right picture: what `self_check.fit_rows` fits. rows: None =
-    they could not be measured, and are taken for true.
+    What `self_check.fit_rows` fits. rows: None = they could not be measured, and are taken for true.
     """
     if rows is None:
         return np.zeros(len(points))
     f = camera.focal_px
     x, y = (points[:, 0] - camera.cx_px - disparity) / f, (points[:, 1] - camera.cy_px) / f
-    offset, _, roll = rows.values
-    return np.asarray(offset * (1.0 + y * y) + f * x * (roll + rows.keystone_rad * y))
+    return rows.down_px(f, x, y)

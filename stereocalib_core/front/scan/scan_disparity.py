@@ -19,12 +19,13 @@ from stereocalib_core.config.pair import ScanDisparityConfig
 from stereocalib_core.config.tracks import PatchConfig
 from stereocalib_core.front.rows.offsets import rows_down
 from stereocalib_core.front.scan.view import ScanView
-from stereocalib_core.front.tracks.row_patches import match_rows
+from stereocalib_core.front.tracks.row_patches import match_rows, row_leans
 from stereocalib_core.geometry import Array, StereoCamera
 from stereocalib_core.results import DisparityMap, RectificationSample
 
-COLUMNS = 6
-"""x, y, disparity by the LiDAR [px], by the pair [px], and d disparity / d u, d v of the surface."""
+COLUMNS = 8
+"""x, y, disparity by the LiDAR [px], by the pair [px], d disparity / d u, d v of the surface, how the match leans
+(`row_leans`), and by how much the right row was taken to lie lower than the left one [px]."""
 
 
 def scan_disparities(
@@ -36,7 +37,7 @@ def scan_disparities(
     config: ScanDisparityConfig,
     rows: RectificationSample | None = None,
 ) -> NDArray[np.float32]:
-    """(K, 6) float32 `COLUMNS` of one pair (H, W) and its scan; disparities are geometric, x = (u - cx) / f.
+    """(K, 8) float32 `COLUMNS` of one pair (H, W) and its scan; disparities are geometric, x = (u - cx) / f.
 
     disparity: the pair's dense map, from which the fine match starts, so that nothing pulls it to the LiDAR's value.
     rows: what the pair's rows say of themselves:
@@ -54,17 +55,18 @@ def scan_disparities(
     start = _dense(disparity, planes[:, :2])
     planes, start = planes[np.isfinite(start)], start[np.isfinite(start)]
     offset = camera.disparity_offset_px
-    points = np.ascontiguousarray(planes[:, :2])
+    points, down = np.ascontiguousarray(planes[:, :2]), rows_down(camera, rows, planes[:, :2], start)
     measured = match_rows(
-        left, right, points, start + offset, np.ascontiguousarray(planes[:, 3:]),
-        rows_down(camera, rows, points, start), config.correlation, config.reach_px, PatchConfig().min_contrast,
+        left, right, points, start + offset, np.ascontiguousarray(planes[:, 3:]), down,
+        config.correlation, config.reach_px, PatchConfig().min_contrast,
     ) - offset  # fmt: skip
-    agree = np.abs(measured - planes[:, 2]) < config.most_px
-    planes, measured = planes[agree], measured[agree]
-    keep = np.linspace(0, len(planes) - 1, min(len(planes), config.most_samples)).round().astype(int)
+    agree = np.flatnonzero(np.abs(measured - planes[:, 2]) < config.most_px)
+    agree = agree[np.linspace(0, len(agree) - 1, min(len(agree), config.most_samples)).round().astype(int)]
+    planes, points, measured, down = planes[agree], points[agree], measured[agree], down[agree]
+    lean = row_leans(left, right, points, measured + offset, np.ascontiguousarray(planes[:, 3:]), down)
     x, y = (planes[:, 0] - camera.cx_px) / camera.focal_px, (planes[:, 1] - camera.cy_px) / camera.focal_px
-    table = np.column_stack([x, y, planes[:, 2], measured, planes[:, 3:]])
-    return np.asarray(table[keep], dtype=np.float32)
+    table = np.column_stack([x, y, planes[:, 2], measured, planes[:, 3:], lean, down])
+    return np.asarray(table, dtype=np.float32)
 
 
 def _dense(disparity: DisparityMap, where: Array) -> Array:

@@ -182,29 +182,58 @@ def match_rows(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def row_leans(left: Image, points: Array) -> Array:
-    """(N,) [px/px] how `match_rows` misreads points (N, 2) where the rows of the pair are not true.
+def row_leans(left: Image, right: Image, points: Array, matched: Array, slopes: Array, down: Array) -> Array:
+    """(N,) [px/px] how `match_rows` misreads left points (N, 2) where the rows of the pair are not as it takes them.
 
-    A right picture whose rows lie lower by a small `down` than the match takes them to shows the patch L as L(v - down)
-    along the row that is read. Least squares over the patch then find a disparity that is less by down times
-    sum(L_u L_v) / sum(L_u^2): nothing for upright edges, and their slope for slanted ones.
+    matched: (N,) raw disparities that it gave, NaN = none. slopes, down: as it was given them. A right picture whose
+    rows lie lower by a small d than that shows, along the row that is read, what belongs to d above. Least squares over
+    the patch then find a disparity that is less by d times sum(g R_v) / sum(g R_u), g the gradient of the template and
+    R the right patch: the slope of the surface, and that of slanted edges; nothing for upright edges of a wall. The
+    left picture's own gradients would not do: the noise in sum(g^2) makes leans of a road half as large as they are.
+    A road's texture is fine from row to row, so that R_v is taken over five rows.
     """
     result = np.zeros(len(points))
     height, width = left.shape
+    values = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1), np.float32)
+    gradients = np.empty((2 * HALF_V + 1, 2 * HALF_U + 1), np.float32)
+    one, four_thirds, sixth = np.float32(1.0), np.float32(4.0 / 3.0), np.float32(1.0 / 6.0)
     for k in range(len(points)):
-        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1]))
-        if u <= HALF_U or v <= HALF_V or u + HALF_U + 1 >= width or v + HALF_V + 1 >= height:
+        if not np.isfinite(points[k, 0] + points[k, 1] + matched[k] + slopes[k, 0] + slopes[k, 1] + down[k]):
+            continue
+        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1] + down[k]))
+        there = v - down[k]
+        first = int(np.floor(there))
+        if u < HALF_U + 2 or u + HALF_U + 2 >= width or v < HALF_V + 2 or v + HALF_V + 2 >= height:
+            continue
+        if first - 1 < HALF_V or first + 2 + HALF_V >= height:
+            continue
+        _, _, steepness = _row_template(left, u, first, there - first, values, gradients)
+        carry = slopes[k, 0] * (points[k, 0] - u) + slopes[k, 1] * (points[k, 1] - there)
+        start = u - HALF_U - (matched[k] - carry)
+        reach = HALF_V * abs(slopes[k, 1])
+        if start - reach < 2.0 or start + 2 * HALF_U + reach > width - 4.0:
             continue
         steep = both = np.float32(0.0)
-        for r in range(-HALF_V, HALF_V + 1):
-            above = left[v + r - 1, u - HALF_U : u + HALF_U + 1]
-            here = left[v + r, u - HALF_U - 1 : u + HALF_U + 2]
-            below = left[v + r + 1, u - HALF_U : u + HALF_U + 1]
+        for r in range(0, 2 * HALF_V + 1, 2):  # every other row says the same at half of the time
+            x = start - slopes[k, 1] * (r - HALF_V)
+            i = int(x)
+            w = np.float32(x - i)
+            columns = slice(i - 1, i + 2 * HALF_U + 3)
+            row = v + r - HALF_V
+            here = right[row, columns]
+            above, below = right[row - 1, columns], right[row + 1, columns]
+            top, bottom = right[row - 2, columns], right[row + 2, columns]
             for c in range(2 * HALF_U + 1):
-                x = np.float32(here[c + 2]) - np.float32(here[c])
-                y = np.float32(below[c]) - np.float32(above[c])
-                steep += x * x
-                both += x * y
-        if steep > 0.0:
+                x0, x1 = np.float32(here[c]), np.float32(here[c + 1])
+                x2, x3 = np.float32(here[c + 2]), np.float32(here[c + 3])
+                along = (one - w) * (x2 - x0) + w * (x3 - x1)
+                near = (one - w) * (np.float32(below[c + 1]) - np.float32(above[c + 1]))
+                near += w * (np.float32(below[c + 2]) - np.float32(above[c + 2]))
+                wide = (one - w) * (np.float32(bottom[c + 1]) - np.float32(top[c + 1]))
+                wide += w * (np.float32(bottom[c + 2]) - np.float32(top[c + 2]))
+                steep += gradients[r, c] * along
+                both += gradients[r, c] * (four_thirds * near - sixth * wide)
+        # twice the gradients; a patch that is half something else shows no lean
+        if steep > np.float32(0.2 * steepness):
             result[k] = both / steep
     return result

@@ -222,11 +222,11 @@ def _finish(
     )  # fmt: skip
     disparity = matched - offset
     good = np.abs(disparity - expected) < config.disparity_tolerance_px
-    rows = np.column_stack([corners.points[pick], corners.disparity[pick], points, disparity])
-    rows = rows[good]
-    lean = [
-        row_leans(picture, rows[:, k : k + 2].copy()) for picture, k in ((state.view.left, 0), (view.left, 3))
-    ]
-    return Tracks(
-        rows.astype(np.float32), on_road[good], state.view.index, np.stack(lean, axis=1).astype(np.float32)
-    )
+    before = state.view
+    rows = np.column_stack([corners.points[pick], corners.disparity[pick], points, disparity])[good]
+    lean = np.zeros((len(rows), 2), np.float32)
+    for k, pair, own in ((0, before, before.extrinsics.disparity_plane(camera)), (1, view, plane)):
+        where, raw = rows[:, 3 * k : 3 * k + 2].copy(), rows[:, 3 * k + 2] + offset
+        tilts = slopes(own.a, own.b, on_road[good])
+        lean[:, k] = row_leans(pair.left, pair.right, where, raw, tilts, np.zeros(len(rows)))
+    return Tracks(rows.astype(np.float32), on_road[good], before.index, lean)

@@ -347,3 +347,16 @@ def test_real_scans_of_other_moments_are_refused(real) -> None:  # type: ignore[
     ]
     refused = with_all_six(check(mixed, RoadCheckConfig()), mixed, camera, poses, CONFIG)
     assert refused.yaw_rad is None and refused.why
+
+
+def test_odd_and_even_scans_see_the_same_pair_and_so_does_the_motion(real) -> None:  # type: ignore[no-untyped-def]
+    from stereocalib_core.back.analyse import analyse
+    from stereocalib_core.config import PipelineConfig
+
+    pair = analyse(real[0], real[1], PipelineConfig()).pair
+    offset_px, scale = np.abs(np.diff(np.array(pair.lidar_halves), axis=0)[0])
+    assert offset_px <= 0.05 and scale <= 0.002
+    assert f"differ by {offset_px:.3f} px" in pair.why
+    motion, lidar = pair.disparity_offset_px, pair.by_lidar_px
+    assert motion is not None and lidar is not None
+    assert abs(motion.value - lidar.value) < 2.0 * np.hypot(motion.sigma, lidar.sigma)

@@ -60,9 +60,41 @@ def test_a_slanted_edge_is_found_where_it_is_along_rows_as_they_are() -> None:
     apart = match_rows(
         left, np.roll(left, 1, axis=0), points, 0 * guess, slopes, 0 * guess + 0.7, 0.75, 3.0, 2.0
     )
-    lean = row_leans(left, points)
+    lean = row_leans(left, np.roll(left, 1, axis=0), points, apart, slopes, 0 * guess + 0.7)
     assert np.median(lean) > 0.5
     np.testing.assert_allclose(true - apart, 0.3 * lean, atol=0.06)
+
+
+def test_noise_makes_no_lean_smaller_and_a_slope_is_part_of_it() -> None:
+    rng = np.random.default_rng(4)
+    u, v = np.meshgrid(np.arange(400.0), np.arange(200.0))
+    slope = 0.3
+
+    def scene(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        # the texture of a road, fine from row to row, that slants, weak against the noise of the camera
+        return 100.0 + 6.0 * np.sin(0.35 * u + 0.9 * v) + 5.0 * np.sin(0.2 * u + 0.6 * v + 1.0)
+
+    def camera(picture: np.ndarray) -> np.ndarray:
+        return np.asarray(
+            np.clip(picture + rng.normal(0.0, 2.0, picture.shape), 0, 255).round().astype(np.uint8)
+        )
+
+    # right row v shows the left row v - down, disparity grows with the row
+    down, about = 0.25, 30.0
+    left = camera(scene(u, v))
+    right = camera(scene(u + about + slope * (v - down - 100.0), v - down))
+    points = np.stack(
+        [g.ravel() for g in np.meshgrid(np.arange(80.0, 380.0, 6.0), np.arange(20.0, 180.0, 5.0))], 1
+    )
+    tilts = np.tile([0.0, slope], (len(points), 1))
+    true = about + slope * (points[:, 1] - 100.0)
+    found = match_rows(left, right, points, true, tilts, 0.0 * true, 0.5, 3.0, 2.0)
+    lean = row_leans(left, right, points, found, tilts, 0.0 * true)
+    known = np.isfinite(found)
+    assert known.mean() > 0.9
+    misread = np.median((true - found)[known])
+    assert misread > 0.4
+    np.testing.assert_allclose(down * np.median(lean[known]), misread, rtol=0.1)
 
 
 def test_rows_reach_the_border_of_the_picture_and_not_beyond() -> None:
