@@ -15,6 +15,7 @@ SYNTH_KEYS = {
     "seed": ("N", "random seed"),
     "frames": ("N", "only the first N frames"),
     "path": ("FILE", "KITTI poses to drive along"),
+    "camera": ("FILE", "camera.yaml of another camera than KITTI's"),
     "mount_height_m": ("M", "camera height (1.65)"),
     "mount_pitch_deg": ("DEG", "camera pitch, > 0 looks down (0.8)"),
     "mount_roll_deg": ("DEG", "camera roll (-0.4)"),
