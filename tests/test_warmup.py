@@ -58,3 +58,19 @@ def test_a_room_is_compiled_once_and_said_so(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(compiled, "fingerprint", lambda: "of another version")
     compiled.compile_once(["boards"], said.append)
     assert len(said) == 3
+
+
+def test_what_comes_later_does_not_hold_up_what_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STEREOCALIB_CACHE", str(tmp_path))
+    said: list[str] = []
+    compiled.compile_once(["boards"], said.append, later=["sources"])
+    first = compiled.known_rooms(next(tmp_path.glob("compiled-rooms-*")))
+    assert first == {"boards"}
+    assert len(said) == 1
+    compiled.await_compiled()
+    assert compiled.known_rooms(next(tmp_path.glob("compiled-rooms-*"))) == {"boards", "sources"}
+    compiled.compile_once(["boards"], said.append, later=["sources"])
+    assert compiled._behind == []
+    assert len(said) == 1

@@ -27,19 +27,30 @@ def average_over_sizes(
             information[small, small] += sizes[k] ** -2.0
         inverse[k] = np.linalg.inv(information)
         solutions[k] = inverse[k] @ right
+        fits = 0.0
+        for i in range(unknowns):
+            fits += solutions[k, i] * right[i]
         log_evidence[k] = (
-            0.5 * np.sum(solutions[k] * right)
+            0.5 * fits
             - 0.5 * np.linalg.slogdet(information)[1]
             - (unknowns - free + reluctance) * np.log(sizes[k])
         )
-    share = np.exp(log_evidence - log_evidence.max())
-    share /= share.sum()
     solution, average = np.zeros(unknowns), np.zeros((unknowns, unknowns))
+    share, most, total = np.empty(len(sizes)), log_evidence.max(), 0.0
     for k in range(len(sizes)):
-        solution += share[k] * solutions[k]
-        average += share[k] * inverse[k]
+        share[k] = np.exp(log_evidence[k] - most)
+        total += share[k]
+    # element by element: whole arrays would take as long to compile as all the rest
+    for k in range(len(sizes)):
+        share[k] /= total
+        for i in range(unknowns):
+            solution[i] += share[k] * solutions[k, i]
+            for j in range(unknowns):
+                average[i, j] += share[k] * inverse[k, i, j]
     covariance = average.copy()
     for k in range(len(sizes)):
-        apart = solutions[k] - solution
-        covariance += share[k] * np.outer(apart, apart)
+        for i in range(unknowns):
+            for j in range(unknowns):
+                apart = (solutions[k, i] - solution[i]) * (solutions[k, j] - solution[j])
+                covariance[i, j] += share[k] * apart
     return solution, covariance, average

@@ -27,6 +27,7 @@ from stereocalib_core.run.calibrate import Progress, cut_truth, follow, frame_ra
 from stereocalib_core.run.self_calibrate import mended_by, next_mending, write_mended
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.calibrations import MENDED
+from stereocalib_core.system.compiled import await_compiled
 
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
@@ -242,6 +243,7 @@ def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Dri
         elapsed_s += time.perf_counter() - began
         if progress:
             progress(len(checkpoint), job.stop - job.start, "analysing the drive")
+        await_compiled()
         drive, truth = _drive(job, checkpoint[:], elapsed_s)
         for observer in observers:
             observer.drive(drive, None if truth is None else truth.poses)

@@ -216,3 +216,9 @@ def render_plane_truth(
     with np.errstate(divide="ignore"):
         disparity = np.where(depth > 0, camera.focal_px * camera.baseline_m / depth, np.nan)
     return views[0][0], views[1][0], disparity.astype(np.float32)
+
+
+def warm_up() -> None:
+    """Compile this renderer, which tests and experiments use."""
+    camera = StereoCamera(64, 48, 60.0, 32.0, 20.0, 0.5)
+    render_plane(camera, Extrinsics.from_degrees(1.65, 0.8, -0.4), clutter=True)

@@ -2,12 +2,14 @@
 
 numba compiles a loop when it is first called and keeps the machine code. Called one after the other, inside the
 first frame, that is a minute on one core without a word. Here the rooms that a command needs are compiled by as
-many processes as there are cores, before the command begins. What is compiled is remembered by the content of the
+many processes as there are cores, before the command begins; what only the end of a drive needs, while its frames are
+looked at. What is compiled is remembered by the content of the
 compiled sources, so that it costs some milliseconds ever after.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import hashlib
 import os
@@ -23,22 +25,16 @@ from stereocalib_core.system.user_cache import user_cache
 
 PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 SECONDS = {
-    "sources": 2, "front.semi_global": 4, "front.rows": 5, "front.road": 14, "front.tracks": 12, "front.scan": 2,
-    "back.rig": 5, "back.odometry": 15, "back.lidar": 2, "simulator": 12, "boards": 3,
+    "sources": 2, "front.semi_global": 3, "front.rows": 5, "front.road": 15, "front.tracks": 9, "front.scan": 5,
+    "back.rig": 8, "back.odometry": 11, "back.lidar": 2, "simulator": 7, "simulator.plane": 4,
+    "boards": 2,
 }  # fmt: skip
 """Every room with something to compile, and about how long it takes on one core: shares the work out evenly."""
-DRIVE = (
-    "sources",
-    "front.semi_global",
-    "front.rows",
-    "front.road",
-    "front.tracks",
-    "front.scan",
-    "back.rig",
-    "back.odometry",
-    "back.lidar",
-)
-"""What a drive from a recording needs."""
+FRONT = ("sources", "front.semi_global", "front.rows", "front.road", "front.tracks")
+"""What the first frame of a drive from a recording needs."""
+AFTER = ("front.scan", "back.rig", "back.odometry", "back.lidar")
+"""What only some drives need, or only the end of one."""
+DRIVE = FRONT + AFTER
 Progress = Callable[[int, int, str], None]
 
 
@@ -82,32 +78,82 @@ def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:
     return hands
 
 
-def compile_once(rooms: Sequence[str], say: Callable[[str], None], progress: Progress | None = None) -> None:
-    """Compile those of `rooms` that are not compiled on this machine yet; says so before it begins."""
-    missing = [room for room in rooms if room not in known_rooms(_marker())]
-    if not missing:
-        return
-    hands = shares(missing, os.cpu_count() or 1)
-    seconds = max(sum(SECONDS[room] for room in hand) for hand in hands)
-    say(f"compiling once for this machine, about {seconds + 3} s")
-    done: list[str] = []
+class _Compiling:
+    """Rooms that are being compiled, by as many processes as there are cores.
 
-    def work(hand: list[str]) -> None:
+    behind: as an aside, while something else runs that must not be held up.
+    """
+
+    def __init__(self, rooms: Sequence[str], told: Callable[[int], None], behind: bool = False) -> None:
+        self._rooms, self._told, self._behind = rooms, told, behind
+        self._done: list[str] = []
+        self._processes: list[subprocess.Popen[str]] = []
+        hands = shares(rooms, os.cpu_count() or 1)
+        self._threads = [threading.Thread(target=self._work, args=(hand,), daemon=behind) for hand in hands]
+        for thread in self._threads:
+            thread.start()
+
+    def _work(self, hand: list[str]) -> None:
         command = [sys.executable, "-m", "stereocalib_core.system.warmup", *hand]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(PACKAGE.parent), *sys.path[1:]])}
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
         ) as process:
+            self._processes.append(process)
+            if self._behind and hasattr(os, "setpriority"):
+                with contextlib.suppress(OSError):
+                    os.setpriority(os.PRIO_PROCESS, process.pid, 10)
             assert process.stdout is not None
             for line in process.stdout:
-                done.append(line.strip())
-                if progress:
-                    progress(len(done), len(missing), "compiling once for this machine")
+                self._done.append(line.strip())
+                self._told(len(self._done))
 
-    threads = [threading.Thread(target=work, args=(hand,)) for hand in hands]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    # a room that failed here is compiled when it is first used
-    remember([room for room in done if room in rooms])
+    def finish(self) -> None:
+        """Wait, and remember what was compiled; a room that failed is compiled when it is first used."""
+        for thread in self._threads:
+            thread.join()
+        remember([room for room in self._done if room in self._rooms])
+
+    def stop(self) -> None:
+        """Nobody needs the rest any more."""
+        for process in self._processes:
+            process.terminate()
+
+
+_behind: list[_Compiling] = []
+
+
+def compile_once(
+    rooms: Sequence[str],
+    say: Callable[[str], None],
+    progress: Progress | None = None,
+    later: Sequence[str] = (),
+) -> None:
+    """Compile those of `rooms` that are not compiled on this machine yet; says so before it begins.
+
+    later: rooms that are compiled from then on while the command goes on; `await_compiled` waits for them.
+    """
+    known = known_rooms(_marker())
+    missing = [room for room in rooms if room not in known]
+    if missing:
+        seconds = max(sum(SECONDS[room] for room in hand) for hand in shares(missing, os.cpu_count() or 1))
+        say(f"compiling once for this machine, about {seconds + 3} s")
+
+        def told(done: int) -> None:
+            if progress:
+                progress(done, len(missing), "compiling once for this machine")
+
+        _Compiling(missing, told).finish()
+    rest = [room for room in later if room not in known]
+    if rest:
+        compiling = _Compiling(rest, lambda done: None, behind=True)
+        _behind.append(compiling)
+        atexit.register(compiling.stop)
+
+
+def await_compiled() -> None:
+    """Wait until what `compile_once` left for later is compiled: who needs it now would only compile it once more."""
+    while _behind:
+        compiling = _behind.pop()
+        compiling.finish()
+        atexit.unregister(compiling.stop)

@@ -36,16 +36,21 @@ def view(arguments: argparse.Namespace) -> str | None:
     return None
 
 
-def _compile(spec: str | None) -> None:
-    """What a drive from this source needs, compiled where it is not yet."""
+def _compile(spec: str | None, frames_first: bool = False) -> None:
+    """What a drive from this source needs, compiled where it is not yet.
+
+    frames_first: the command looks at all frames before it needs more than them.
+    """
     from stereocalib_core.sources import source_kind
-    from stereocalib_core.system.compiled import DRIVE, compile_once
+    from stereocalib_core.system.compiled import AFTER, DRIVE, FRONT, compile_once
 
     if spec is not None:
         source_kind(spec)  # what is no drive is said first
-    rooms = ("boards",) if spec is None else DRIVE + ("simulator",) * spec.startswith("synthetic")
+    drive = FRONT if frames_first else DRIVE
+    rooms = ("boards",) if spec is None else drive + ("simulator",) * spec.startswith("synthetic")
     with terminal_progress() as progress:
-        compile_once(rooms, lambda line: print(f"stereocalib: {line}", file=sys.stderr), progress)
+        later = AFTER if frames_first else ()
+        compile_once(rooms, lambda line: print(f"stereocalib: {line}", file=sys.stderr), progress, later)
 
 
 def _serve(spec: str, arguments: argparse.Namespace) -> None:
@@ -99,7 +104,7 @@ def run(arguments: argparse.Namespace) -> str | None:
     rig = read_rig(arguments.rig) if arguments.rig else None
     tolerances = read_tolerances(arguments.tolerance) if arguments.tolerance else None
     source = _with_calibration(arguments.source, arguments)
-    _compile(source)
+    _compile(source, frames_first=True)
     with terminal_progress() as progress:
         drive = run_drive(
             source,
