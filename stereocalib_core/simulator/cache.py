@@ -110,9 +110,13 @@ def unpack(data: bytes) -> Pictures | None:
 
 
 def trim(root: Path, limit_bytes: int) -> None:
-    """Delete the oldest frames under `root` until nine tenths of the limit are left, if it is exceeded."""
+    """Delete the oldest frames under `root` until nine tenths of the limit are left, if it is exceeded.
+
+    Others may do the same at the same time: what is gone meanwhile is gone.
+    """
     files = []
-    for path in root.glob("*/*"):
+    folders = list(_within(root))
+    for path in (path for folder in folders for path in _within(folder)):
         with contextlib.suppress(OSError):
             status = path.stat()
             files.append((status.st_mtime, status.st_size, path))
@@ -125,7 +129,15 @@ def trim(root: Path, limit_bytes: int) -> None:
         total -= size
         if total <= 0.9 * limit_bytes:
             break
-    for folder in root.glob("*"):
+    for folder in folders:
         # only empty ones can be removed
         with contextlib.suppress(OSError):
             folder.rmdir()
+
+
+def _within(folder: Path) -> list[Path]:
+    """What is in a folder; nothing where there is none any more."""
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []

@@ -12,6 +12,7 @@ import pytest
 from stereocalib_core.files.run_folder import load_run
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import Drive, FrameTable, Measured, Mending, Pair, PairCorrection
+from stereocalib_core.run.calibrate import calibrate
 from stereocalib_core.run.drive import Interrupted, run_drive
 from stereocalib_core.run.self_calibrate import next_mending
 from stereocalib_core.run.synth import synth
@@ -46,6 +47,16 @@ def test_the_drive_is_run_again_with_its_pair_mended(corrected: Path) -> None:
     assert truth.extrinsics is not None
     pitch = load_run(corrected).frames.pitch_rad - truth.extrinsics[:24, 1]
     assert abs(np.rad2deg(np.nanmedian(pitch))) < 0.02
+    # unmended, the path would be 4 % too long
+    path = report["odometry"]["autocalibrated"]
+    assert path["path_m"] == pytest.approx(path["path_gt_m"], rel=0.002)
+
+
+def test_a_large_bend_is_read_in_full() -> None:
+    """Far points, which it puts furthest off, are not dropped as strays: without them it reads 0.292."""
+    yaw = calibrate("synthetic:town?frames=24&fault=rectification:yaw=-0.3").pair.relative_yaw_rad
+    assert yaw is not None
+    assert np.rad2deg(yaw.value) == pytest.approx(-0.3, rel=0.015)
 
 
 def test_what_was_written_is_read_back(corrected: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import os
 import threading
 from pathlib import Path
 
@@ -70,13 +72,33 @@ def test_cache_is_bounded(tmp_path: Path) -> None:
         cache = FrameCache(key, tmp_path)
         for i in range(10):
             cache.write(i, (picture, picture, None))
-    import os
 
     for path in (tmp_path / "old").iterdir():
         os.utime(path, (1, 1))
     trim(tmp_path, 12 * len(pack((picture, picture, None))))
     assert len(list((tmp_path / "new").iterdir())) == 10
     assert not (tmp_path / "old").exists() or len(list((tmp_path / "old").iterdir())) <= 2
+
+
+def test_folders_that_others_remove_meanwhile_are_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "000000.frame").write_bytes(bytes(1000))
+    looks = {name: getattr(os, name) for name in ("listdir", "scandir")}
+
+    def while_another_trims(look: str, folder: object = ".") -> object:
+        if str(folder) == str(tmp_path / "a") and (tmp_path / "a").exists():
+            (tmp_path / "a" / "000000.frame").unlink()
+            (tmp_path / "a").rmdir()
+        return looks[look](folder)
+
+    for look in looks:
+        monkeypatch.setattr(os, look, functools.partial(while_another_trims, look))
+    trim(tmp_path, 500)
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_pack_is_exact_or_refused() -> None:
