@@ -89,9 +89,10 @@ class MotionSearchConfig:
 class BentPairConfig:
     """When points are judged by a motion that leaves the pair's own yaw free."""
 
-    least_px: float = 1.0
-    """Offset of disparity below which a bend moves no point out of `TracksConfig.tolerance_px` [px]: far points at the
-    edge of a picture 60 deg wide move by half of it when a car goes three baselines a frame."""
+    least_move_px: float = 0.5
+    """A bend that moves nine of ten points by less than that against the motion by the depths as measured moves hardly
+    any out of `TracksConfig.tolerance_px` [px]: a third of it. How much it moves them goes with the way driven in
+    baselines: a small rig on a fast car is thrown off by a fraction of a pixel of disparity."""
     sure: float = 5.0
     """... and so many sigmas: else a passing lorry would do for a bend."""
     noise_px: float = 0.3

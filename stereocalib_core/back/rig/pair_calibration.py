@@ -22,6 +22,7 @@ from stereocalib_core.back.rig.relative_yaw import (
     RelativeYaw,
     StereoTracks,
     YawSolution,
+    as_it_may_be,
     grouped_sigma,
     relative_yaw,
     solve_yaw,
@@ -63,6 +64,7 @@ def calibrate_pair(
     moving = active & inside & np.concatenate([[False], inside[:-1]])
     roll_pitch = (rows.relative_roll_rad or ZERO, rows.relative_pitch_rad or ZERO)
     yaw = relative_yaw(block, tracks.stereo_motion, moving, roll_pitch, config.pair)
+    yaw = as_it_may_be(yaw, block, _keystones(results[first:last]), config.pair)
     offset = _offset(yaw, camera)
     lidar = (
         by_lidar(camera, results, inside, tracks.stereo_motion, roll_pitch, config) if lidar_stands else None
@@ -84,6 +86,11 @@ def calibrate_pair(
     effects = bend_effects(camera, found, height_m, yaw.solution, tracks.stereo_motion)
     found = dataclasses.replace(found, effects=effects, yaw_mends=yaw_mends(camera, found, config))
     return dataclasses.replace(found, verdict=_verdict(found, config), why=_why(found, config))
+
+
+def _keystones(results: Sequence[FrameResult]) -> Array:
+    """(K,) [rad] of the frames whose rows were measured."""
+    return np.array([r.rectification.keystone_rad for r in results if r.rectification is not None])
 
 
 def _offset(yaw: RelativeYaw, camera: StereoCamera) -> Measured | None:

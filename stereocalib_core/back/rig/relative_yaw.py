@@ -17,6 +17,7 @@ the drive and is no yaw (a lens that is not quite as calibrated, rows that are n
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,7 @@ from stereocalib_core.config.pair import PairConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import MOST_AT_ONCE, in_chunks
+from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.numeric.spill import let_go, put_away, roomy
 from stereocalib_core.results import FrameResult, Measured
 
@@ -307,6 +309,7 @@ def relative_yaw(
         strip_sigma(solution, config.strip_share),
         solution.leverage[0] * roll.sigma,
         solution.leverage[1] * pitch.sigma,
+        config.least_sigma_px / tracks.camera.focal_px,
         config.share_of_yaw * solution.yaw_rad,
         config.share_of_roll * roll.value,
     ]
@@ -316,6 +319,24 @@ def relative_yaw(
         solution.yaw_rad, float(np.linalg.norm(parts)), _parts(solution, odd), _parts(solution, third),
         len(solution.used), solution.noise_px, None, solution,
     )  # fmt: skip
+
+
+def as_it_may_be(yaw: RelativeYaw, tracks: StereoTracks, keystones: Array, config: PairConfig) -> RelativeYaw:
+    """The yaw with a sigma that knows whether the rows show a turn at all.
+
+    Where they do not, disparities may be off by as much all over the picture, as by a principal point: what reads as
+    yaw (1 + x^2) is then yaw (1 + mean x^2), and sigma has the difference. keystones: (K,) [rad] by the rows of every
+    frame, which would be the yaw of a turn.
+    """
+    if not yaw.measured or len(keystones) < config.min_pairs or not tracks.rays.shape[1]:
+        return yaw
+    # neighbouring frames share their scene: one look in four
+    scatter = mad_sigma(keystones) / np.sqrt(max(len(keystones) / 4.0, 1.0))
+    apart = abs(float(np.median(keystones)) - yaw.yaw_rad)
+    if apart < config.unlike_turn * abs(yaw.yaw_rad) + config.unlike_sigmas * scatter:
+        return yaw
+    wide = float(np.mean((tracks.rays[0] - tracks.rays[2]) ** 2))
+    return dataclasses.replace(yaw, sigma_rad=float(np.hypot(yaw.sigma_rad, wide * yaw.yaw_rad)))
 
 
 def _parts(solution: YawSolution, part: NDArray[np.int64]) -> Array:

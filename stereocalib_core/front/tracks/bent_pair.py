@@ -3,7 +3,7 @@
 A right camera turned by a yaw makes all depths wrong (`back.rig.relative_yaw`), and the motion that fits best at those
 depths puts far points where they are not. Whoever drops what lies off that motion then drops just the points that show
 the yaw, and reads it too small: by 3 % at 0.3 deg on a rendered town. So a motion is fitted with the bend left free as
-well, and where that is large and sure, points are judged by it. What is handed on as the motion stays the one by the
+well, and where that matters and is sure, points are judged by it. What is handed on as the motion stays the one by the
 depths as measured: no correction enters.
 """
 
@@ -84,10 +84,13 @@ def judge_by(
         turn = rotation_from_vector(step[:3])
         now = np.concatenate([vector_from_rotation(turn @ R), turn @ t + step[3:6]])
         yaw += float(step[6])
+    straight = Judge(camera, motion)
     sigma = float(np.sqrt(np.linalg.inv(information)[6, 6]))
-    if not np.isfinite(yaw) or abs(yaw) < max(config.least_px / f, config.sure * sigma):
-        return Judge(camera, motion)
-    return Judge(camera, now, yaw)
+    if not np.isfinite(yaw) or abs(yaw) < config.sure * sigma:
+        return straight
+    bent = Judge(camera, now, yaw)
+    apart = (bent.expected(rays) - straight.expected(rays))[:2] * f
+    return bent if np.quantile(np.hypot(*apart), 0.9) > config.least_move_px else straight
 
 
 def _turned(x: Array, inverse_depth: Array, baseline_m: float) -> Array:

@@ -10,6 +10,7 @@ import pytest
 from stereocalib_core.back.rig.relative_yaw import (
     RelativeYaw,
     StereoTracks,
+    as_it_may_be,
     relative_yaw,
     stereo_tracks,
 )
@@ -144,6 +145,23 @@ def test_halves_and_thirds_are_those_of_their_pairs() -> None:
     odd = dataclasses.replace(drive, active=drive.active & (np.arange(61) % 2 == 1)).measured()
     assert odd.yaw_rad == pytest.approx(found.halves[0], abs=np.deg2rad(2e-4))
     assert np.mean(found.thirds) == pytest.approx(found.yaw_rad, abs=np.deg2rad(5e-4))
+
+
+def test_sigma_knows_of_an_offset_that_is_no_turn() -> None:
+    drive, config = simulate(0.1), PairConfig()
+    yaw, rng = drive.measured(), np.random.default_rng(0)
+    noise = np.deg2rad(rng.normal(0.0, 0.01, 30))
+
+    def sigma_deg(keystones: Array) -> float:
+        return float(np.rad2deg(as_it_may_be(yaw, drive.tracks, keystones, config).sigma_rad))
+
+    plain = np.rad2deg(yaw.sigma_rad)
+    assert sigma_deg(noise + np.deg2rad(0.1)) == plain
+    assert sigma_deg(noise[:4]) == plain
+    # a shift of the principal point by the same pixels in the middle reads as less yaw, by 1 + x^2
+    mean_square = float(np.mean((drive.tracks.rays[0] - drive.tracks.rays[2]) ** 2))
+    assert sigma_deg(noise) == pytest.approx(np.hypot(plain, 0.1 * mean_square), rel=0.01)
+    assert 0.05 < mean_square < 0.3
 
 
 def test_what_a_match_along_untrue_rows_leans_by_is_no_yaw() -> None:
