@@ -169,7 +169,7 @@ def _follow(
         _ITERATIONS,
     )
     followed = float(ok.sum())
-    judge = judge_by(camera, rays[:, ok], motion, config.tolerance_px, config.bent)
+    judge = judge_by(camera, np.ascontiguousarray(rays[:, ok]), motion, config.tolerance_px, config.bent)
     seen = judge.expected(rays)
     ok = ok & (np.hypot(seen[0] - rays[3], seen[1] - rays[4]) * f < config.tolerance_px)
     if ok.sum() < config.min_consent * followed:
