@@ -39,7 +39,7 @@ from stereocalib_core.config import PipelineConfig, VehicleConfig
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.numeric.spill import let_go
+from stereocalib_core.numeric.spill import give_back, let_go
 from stereocalib_core.results import (
     BEST,
     Drive,
@@ -111,6 +111,7 @@ def analyse_openly(
     """`analyse` with what it was made from."""
     known = rig or Rig()
     results, filtered, smoothed = _one_rig(results, camera, config)
+    give_back()
     frames = FrameTable.of(results, filtered, smoothed)
     tracks = pack(camera, results, config.odometry)
     yaw = estimate_yaw(tracks, smoothed.values, config.yaw, known.lever_arm_m, config.vehicle, smoothed.sigma)
@@ -131,6 +132,7 @@ def analyse_openly(
     height_m = None if mount.height_m is None else mount.height_m.value
     truth = None if ground_truth is None else ground_truth.poses
     rows = summarise(camera, results, config.rectification)
+    give_back()
     pair = calibrate_pair(camera, results, tracks, rows, truth, height_m, config)
     lidar = _lidar(camera, results, best.poses, shifts, pair, config)
     if lidar is not None and lidar.shifts:

@@ -7,8 +7,11 @@ Small arrays, and all of them where the disk has no room, are ordinary ones; nob
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import mmap
 import os
+import sys
 import tempfile
 from collections.abc import Sequence
 from typing import Any
@@ -72,6 +75,14 @@ def put_away(array: NDArray[Any]) -> NDArray[Any]:
 def spilled(arguments: Sequence[Any]) -> list[NDArray[Any]]:
     """Those that are arrays on the disk."""
     return [a for a in arguments if isinstance(a, np.ndarray) and _file_of(a) is not None]
+
+
+def give_back() -> None:
+    """Memory that is free again goes back to the system, where the allocator can be told so: after many small things
+    were made and forgotten."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 class Shelf:

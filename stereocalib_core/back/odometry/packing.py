@@ -137,6 +137,8 @@ def pack_tracks(
         road_end[i] += np.count_nonzero(whole[i] & pair.on_road)
         start[i + 1] = road_end[i] + np.count_nonzero(whole[i] & ~pair.on_road)
         previous[i] = row_of[pair.previous]
+        if i % MOST_AT_ONCE == 0:
+            let_go(pair.points)
     f, fb = camera.focal_px, camera.focal_px * camera.baseline_m
     # pair by pair to its place: an hour's drive has tens of millions of points, and no room for a second copy
     rays = roomy((5, int(start[-1])))

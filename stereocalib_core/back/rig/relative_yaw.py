@@ -18,7 +18,8 @@ the drive and is no yaw (a lens that is not quite as calibrated, rows that are n
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +112,8 @@ def stereo_tracks(camera: StereoCamera, results: Sequence[FrameResult]) -> Stere
         start[i + 1] = start[i]
         if result.tracks is not None and len(result.tracks):
             start[i + 1] += np.count_nonzero(np.isfinite(result.tracks.points).all(axis=1))
+            if i % MOST_AT_ONCE == 0:
+                let_go(result.tracks.points)
     rays = roomy((8, int(start[-1])))
     centre = np.array([camera.cx_px, camera.cy_px, 0.0] * 2)[:, None]
     for i, result in enumerate(results):
@@ -180,7 +183,7 @@ def solve_yaw(
         return None
     turn = np.array([0.0, *roll_pitch])
     normal, right = roomy((count, MOTION + TURN, MOTION + TURN)), np.zeros((count, MOTION + TURN))
-    misfit = np.zeros(tracks.rays.shape[1])
+    misfit = roomy(tracks.rays.shape[1])
     of_used = np.repeat(active, np.diff(tracks.start))
     noise, step, total = config.noise_px / f, np.inf, np.nan
     reduced: _Reduced | None = None
@@ -199,7 +202,7 @@ def solve_yaw(
         move(now, used, reduced.steps[:, :, 0] - reduced.steps[:, :, 1] * step)
         turn[0] += step
         # the drive's own residuals say how noisy its points are, and so which of them are wrong
-        scale = np.sqrt(np.median(misfit[of_used]) / CHI2_MEDIAN)
+        scale = np.sqrt(_median(misfit, of_used) / CHI2_MEDIAN)
         noise *= float(np.clip(scale, 1.0 / config.most_rescaled, config.most_rescaled))
     if reduced is None or not np.isfinite(turn[0]):
         return None
@@ -212,6 +215,36 @@ def solve_yaw(
     )  # fmt: skip
 
 
+_STRETCH = 1 << 18
+"""Points that are looked at together, so that a long drive needs no more memory than a short one."""
+
+
+def _median(values: Array, of: NDArray[np.bool_]) -> float:
+    """Of the values where `of` holds; of what lies on the disk, a stretch at a time."""
+    kept, n = roomy(int(np.count_nonzero(of))), 0
+    for part in _stretches(len(values)):
+        some = values[part][of[part]]
+        kept[n : n + len(some)] = some
+        n += len(some)
+        let_go(values)
+    return float(np.median(kept, overwrite_input=True))
+
+
+def _stretches(count: int) -> Iterator[slice]:
+    """0...count in stretches."""
+    for first in range(0, count, _STRETCH):
+        yield slice(first, min(first + _STRETCH, count))
+
+
+def _strips(tracks: StereoTracks, strips: int) -> Array:
+    """(strips - 1,) x between upright strips of the picture that hold equally many points."""
+    x = roomy(tracks.rays.shape[1])
+    for part in _stretches(len(x)):
+        x[part] = tracks.rays[0, part]
+        let_go(tracks.rays)
+    return np.asarray(np.quantile(x, np.linspace(0.0, 1.0, strips + 1)[1:-1], overwrite_input=True))
+
+
 def _without_strips(
     tracks: StereoTracks, now: Array, active: NDArray[np.bool_], turn: Array, noise: float, config: PairConfig
 ) -> Array:
@@ -222,23 +255,25 @@ def _without_strips(
     count, strips = len(tracks), config.strips
     used = np.flatnonzero(active)
     shape = (count, MOTION + TURN, MOTION + TURN)
-    x = tracks.rays[0]
-    edges = np.quantile(x, np.linspace(0.0, 1.0, strips + 1)[1:-1])
-    strip = np.searchsorted(edges, x).astype(np.int8)
-    let_go(tracks.rays)
+    edges, strip = _strips(tracks, strips), np.empty(tracks.rays.shape[1], np.int8)
+    for stretch in _stretches(len(strip)):
+        strip[stretch] = np.searchsorted(edges, tracks.rays[0, stretch])
+        let_go(tracks.rays)
     parts = []
     for k in range(strips):
         inside = strip == k
-        before = np.concatenate([[0], np.cumsum(inside)])
+        # where the points of each pair begin among those inside; a running sum over all would be eight bytes a point
+        each = [np.count_nonzero(inside[a:b]) for a, b in itertools.pairwise(tracks.start)]
+        start = np.concatenate([[0], np.cumsum(each)])
         normal, right = roomy(shape), np.zeros(shape[:2])
-        rays = roomy((len(tracks.rays), int(before[-1])))
+        rays = roomy((len(tracks.rays), int(start[-1])))
         for row in range(len(rays)):
             np.compress(inside, tracks.rays[row], out=rays[row])
             let_go(rays, tracks.rays)
         in_chunks(
             pair_equations, count,
-            rays, before[tracks.start], active, now, turn, noise,
-            config.tuning, normal, right, np.zeros(int(before[-1])),
+            rays, start, active, now, turn, noise,
+            config.tuning, normal, right, np.zeros(int(start[-1])),
         )  # fmt: skip
         parts.append((put_away(normal[used]), right[used]))
     whole = np.zeros_like(parts[0][0]), np.zeros_like(parts[0][1])
