@@ -366,7 +366,7 @@ def as_it_may_be(yaw: RelativeYaw, tracks: StereoTracks, keystones: Array, confi
     if not yaw.measured or len(keystones) < config.min_pairs or not tracks.rays.shape[1]:
         return yaw
     # neighbouring frames share their scene: one look in four
-    scatter = mad_sigma(keystones) / np.sqrt(max(len(keystones) / 4.0, 1.0))
+    scatter = mad_sigma(keystones, None) / np.sqrt(max(len(keystones) / 4.0, 1.0))
     apart = abs(float(np.median(keystones)) - yaw.yaw_rad)
     if apart < config.unlike_turn * abs(yaw.yaw_rad) + config.unlike_sigmas * scatter:
         return yaw

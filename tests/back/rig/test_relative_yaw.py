@@ -160,7 +160,9 @@ def test_sigma_knows_of_an_offset_that_is_no_turn() -> None:
     assert sigma_deg(noise[:4]) == plain
     # a shift of the principal point by the same pixels in the middle reads as less yaw, by 1 + x^2
     mean_square = float(np.mean((drive.tracks.rays[0] - drive.tracks.rays[2]) ** 2))
-    assert sigma_deg(noise) == pytest.approx(np.hypot(plain, 0.1 * mean_square), rel=0.01)
+    for other in (0.0, 0.5, -0.1):
+        shown = sigma_deg(noise + np.deg2rad(other))
+        assert shown == pytest.approx(np.hypot(plain, 0.1 * mean_square), rel=0.01)
     assert 0.05 < mean_square < 0.3
 
 
