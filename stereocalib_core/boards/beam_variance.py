@@ -48,8 +48,9 @@ def row_sums(
     return RowSums(A, c, left, freedom)
 
 
-def mean_variance(sums: RowSums) -> float:
-    """Posterior mean of the beams' variance [m^2].
+def beam_variance(sums: RowSums) -> float:
+    """The beams' variance [m^2], as the geometric mean of its posterior: with so little known of it errors follow
+    Student's t, and this is the Gaussian that has two of three within one sigma as t has (the mean would have more).
 
     Py is Gaussian with covariance s P + v PZZ'P (v: beams, s: rows), of which A has the eigenvalues beside s.
     """
@@ -70,4 +71,4 @@ def mean_variance(sums: RowSums) -> float:
         top = rows.max(axis=1)
         log_posterior = log_posterior + top + np.log(np.exp(rows - top[:, None]).sum(axis=1))
     weight = np.exp(log_posterior - log_posterior.max())
-    return float(weight @ v[:, 0] / weight.sum())
+    return float(np.exp(weight @ np.log(v[:, 0]) / weight.sum()))

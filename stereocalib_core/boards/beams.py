@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.boards.beam_variance import RowSums, mean_variance, row_sums
+from stereocalib_core.boards.beam_variance import RowSums, beam_variance, row_sums
 from stereocalib_core.boards.joint import (
     JointProblem,
     JointState,
@@ -46,7 +46,7 @@ def find_beams(problem: JointProblem, state: JointState, normals_camera: Array) 
     if owner is None:
         return None
     count = int(owner.max()) + 1
-    variance = mean_variance(_rows(problem, state, owner, count))
+    variance = beam_variance(_rows(problem, state, owner, count))
     response = _plane_response(problem, state, owner, count, normals_camera)
     return Beams(owner, count, float(np.sqrt(variance)), variance * response @ response.T)
 

@@ -144,14 +144,23 @@ def covariance_with_doubt(solved: Solved, information: Information | None = None
     else:
         # T is for the stated size, whatever the data say of it: the ruler's error moves it in full.
         known = covariance_of(own[:-1, :-1])
-        moved_by = pseudo_inverse(own[:-1, :-1])[:6] @ own[:-1, -1] * VARIANCE.scale_sigma
-        covariance = scatter * known[:6, :6] + np.outer(moved_by, moved_by)
+        by_ruler = pseudo_inverse(own[:-1, :-1])[:6] @ own[:-1, -1] * VARIANCE.scale_sigma
+        covariance = scatter * known[:6, :6] + np.outer(by_ruler, by_ruler)
     if solved.beams is not None:
-        # Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams.
-        by_beams = pseudo_inverse(own)[:6] @ asked.by_beams
+        by_beams = beam_response(held, asked)
         covariance = covariance + solved.beams.sigma_m**2 * by_beams @ by_beams.T
     covariance = split_covariance(covariance, held.state.T_camera_lidar)
     return covariance if solved.doubt is None else covariance + solved.doubt.moved
+
+
+def beam_response(held: Refined, asked: Information) -> Array:
+    """(6, K) left twist of T for a unit range error of each beam [1/m].
+
+    Along what the boards leave open nothing moves: that it is unknown is said by the covariance without beams. Where
+    T is for the stated size, no part of what the beams do goes into the scale.
+    """
+    seen = len(asked.own) if held.free.scale else len(asked.own) - 1
+    return np.asarray(-pseudo_inverse(asked.own[:seen, :seen])[:6] @ asked.by_beams[:seen])
 
 
 def _ruler(held: Refined) -> float:

@@ -105,6 +105,26 @@ def test_a_browser_may_be_light(page: Any) -> None:
 
 
 @pytest.mark.browser
+def test_panels_leave_each_other_room_in_a_small_window(view: LidarView, browser: Any) -> None:
+    opened = browser.new_page()
+    opened.set_viewport_size({"width": 1024, "height": 768})
+    opened.goto(f"http://127.0.0.1:{view.server.get_port()}/")
+
+    def edges() -> tuple[float, float, float]:
+        """Right edge of the pictures, left edge of the panel that chooses a pair and room right of it [px]."""
+        picture = opened.get_by_label("Before and after").bounding_box()
+        back = opened.get_by_role("button", name="◀ previous", exact=True).bounding_box()
+        tick = opened.get_by_role("button", name="tick in or out", exact=True).bounding_box()
+        pairs = opened.get_by_role("button", name="Use all pairs", exact=True).bounding_box()
+        right = tick["x"] + tick["width"]
+        return picture["x"] + picture["width"], back["x"], pairs["x"] - right
+
+    opened.get_by_role("button", name="Use all pairs", exact=True).wait_for(timeout=30_000)
+    until(lambda: edges()[0] < edges()[1] and edges()[2] > 0, what="no panel over another")
+    opened.close()
+
+
+@pytest.mark.browser
 def test_ticking_a_pair_out_solves_at_once(page: Any, view: LidarView) -> None:
     tab(page, "Pairs")
     before = view.session.snapshot.result

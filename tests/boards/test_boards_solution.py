@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stereocalib_core.boards.beam_variance import RowSums, mean_variance, row_sums
+from stereocalib_core.boards.beam_variance import RowSums, beam_variance, row_sums
 from stereocalib_core.boards.beams import beams_of, find_beams
 from stereocalib_core.boards.between_pictures import lens_scatter
 from stereocalib_core.boards.calibrate import calibrate
@@ -19,7 +19,9 @@ from stereocalib_core.boards.next_pose import next_pose
 from stereocalib_core.boards.noise import joint_problem
 from stereocalib_core.boards.observation import BoardSpec, PairObservation
 from stereocalib_core.boards.planes import fit_plane
+from stereocalib_core.boards.refine import refine
 from stereocalib_core.boards.rotations import apply_twist, rotation_from_vector, rotation_vector
+from stereocalib_core.boards.second_opinion import beam_response
 from stereocalib_core.boards.solve import PlanePairs
 from stereocalib_core.boards.variance_components import plane_sigmas, with_plane_errors
 from stereocalib_core.config.boards import BEAM, VARIANCE
@@ -231,6 +233,24 @@ def test_beams_are_told_apart_by_elevation_and_their_errors_measured() -> None:
     assert beams_of(scattered / np.linalg.norm(scattered, axis=1, keepdims=True)) is None
 
 
+@pytest.mark.parametrize("free", [False, True])
+def test_a_beam_that_reads_too_far_moves_the_transform_as_predicted(free: bool) -> None:
+    observations = boards(8, 6, SimulatedNoise(0.3, 0.004))
+    solved = calibrate(observations, BOARD, CAMERA, with_intrinsics=free).solved
+    assert solved is not None
+    assert solved.beams is not None
+    beam = int(np.argmax(np.bincount(solved.beams.owner)))
+    step_m = 0.0005
+    before = refine(solved.problem, solved.refined.state, solved.refined.free)
+    points = solved.problem.points + step_m * solved.problem.rays * (solved.beams.owner == beam)[:, None]
+    after = refine(replace(solved.problem, points=points), before.state, solved.refined.free)
+    a, b = after.state.T_camera_lidar, before.state.T_camera_lidar
+    turn = rotation_vector(a[:3, :3] @ b[:3, :3].T)
+    moved = np.concatenate([turn, a[:3, 3] - b[:3, 3] - np.cross(turn, b[:3, 3])])
+    predicted = step_m * beam_response(solved.refined, solved.information)[:, beam]
+    assert np.linalg.norm(moved - predicted) < 0.05 * np.linalg.norm(moved)
+
+
 def rows_of(sigma_m: float, boards: int, rows: int, seed: int = 0) -> RowSums:
     """Boards that some rows of 12 beams cross, each beam with an error of its own, 2 mm of noise on every row."""
     rng = np.random.default_rng(seed)
@@ -245,13 +265,13 @@ def rows_of(sigma_m: float, boards: int, rows: int, seed: int = 0) -> RowSums:
 
 def test_beams_that_rows_hardly_show_are_taken_for_usual_ones() -> None:
     """Three rows make a plane whatever their beams do; only more of them tell, and then the data decide."""
-    usual = np.sqrt(mean_variance(rows_of(0.0, 8, 3)))
+    usual = np.sqrt(beam_variance(rows_of(0.0, 8, 3)))
     assert usual == pytest.approx(
         np.sqrt(BEAM.usual_freedom / (BEAM.usual_freedom - 2)) * BEAM.usual_sigma_m, rel=0.4
     )
-    assert usual == np.sqrt(mean_variance(rows_of(0.02, 8, 3)))
-    assert np.sqrt(mean_variance(rows_of(0.0, 60, 9))) < 0.6 * BEAM.usual_sigma_m
-    measured = np.sqrt(np.mean([mean_variance(rows_of(0.02, 12, 8, seed)) for seed in range(12)]))
+    assert usual == np.sqrt(beam_variance(rows_of(0.02, 8, 3)))
+    assert np.sqrt(beam_variance(rows_of(0.0, 60, 9))) < 0.6 * BEAM.usual_sigma_m
+    measured = np.sqrt(np.mean([beam_variance(rows_of(0.02, 12, 8, seed)) for seed in range(12)]))
     assert measured == pytest.approx(0.02, rel=0.3)
 
 

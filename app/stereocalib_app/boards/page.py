@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
+import numpy as np
 import viser
 
 from stereocalib_app.boards.panels import ExportPanel, NudgePanel, PairsPanel, ResultPanel
@@ -11,14 +13,30 @@ from stereocalib_app.boards.render import WIDTH_PX, cloud_over_picture, one_over
 from stereocalib_app.boards.scene import LidarScene, look_from
 from stereocalib_app.boards.session import COMPARISONS, LidarSession, LidarSnapshot
 from stereocalib_app.server.browser_panel import light_switch
+from stereocalib_app.server.docking import MAIN_WIDTH_PX, SCENE_WIDTH_PX
+from stereocalib_app.server.viser_internals import set_width
 from stereocalib_app.widgets import canvas
 from stereocalib_app.widgets.page_base import PageBase, set_theme
 from stereocalib_app.widgets.picture import PictureView
 from stereocalib_app.widgets.style import style_sheet
 from stereocalib_app.words import boards as lidar_words
 
-VIEWS_WIDTH_PX, MAIN_WIDTH_PX, TIMELINE_WIDTH_PX = 430, 345, 440
+VIEWS_WIDTH_PX, PAIR_WIDTH_PX = (260, 430), (300, 440)
+"""Least and usual width of the pictures and of the panel that chooses a pair: as much as a window leaves them."""
+MARGIN_PX = 8
+OPENING_S = 15.0
+"""A browser says how wide its 3-D view is when it first draws it, seconds after it has connected."""
 STAGES = ("reading pairs", "searching boards in clouds", "measuring boards in clouds")
+
+
+def views_width(room_px: int) -> int:
+    """Width of the docked pictures in the room that the main panel leaves, so that the 3-D view keeps its own."""
+    return int(np.clip(room_px - SCENE_WIDTH_PX, *VIEWS_WIDTH_PX))
+
+
+def chooser_width(between_px: int) -> int:
+    """Width of the floating panel that chooses a pair, between the docked ones."""
+    return int(np.clip(between_px - 2 * MARGIN_PX, *PAIR_WIDTH_PX))
 
 
 class LidarPage(PageBase):
@@ -42,17 +60,34 @@ class LidarPage(PageBase):
         server.on_client_connect(self._greet)
         session.show = self.update
 
-    @staticmethod
-    def _greet(client: viser.ClientHandle) -> None:
-        """What belongs to one browser alone."""
+    def _greet(self, client: viser.ClientHandle) -> None:
+        """What belongs to one browser alone: its theme, and panels that fit its window."""
         with client.gui.add_folder("This browser", expand_by_default=False, order=1e6):
             light_switch(client.gui)
+        views, chooser = VIEWS_WIDTH_PX[1], PAIR_WIDTH_PX[1]
+        since = time.monotonic()
+
+        def fit(camera: viser.CameraHandle) -> None:
+            nonlocal views, chooser
+            between = int(camera.image_width)
+            wanted = views_width(between + views)
+            # While the page opens only: a width that somebody has dragged must stay.
+            if wanted < views and time.monotonic() - since < OPENING_S:
+                set_width(client, self.gui, self._views, wanted)
+                between, views = between + views - wanted, wanted
+            if (wide := chooser_width(between)) != chooser:
+                chooser = wide
+                set_width(client, self.gui, self._chooser, wide)
+
+        client.camera.on_update(fit)
+        fit(client.camera)
 
     def _build_views(self) -> None:
         gui = self.gui
         panel: Any = gui.add_panel()
         panel.dock_left()
-        panel.set_width(VIEWS_WIDTH_PX)
+        panel.set_width(VIEWS_WIDTH_PX[1])
+        self._views = panel
         with panel.add_tab("Cloud on picture"):
             self._close_up: Any = gui.add_checkbox("Close-up", False, hint="Only the board, larger.")
             self._compare: Any = gui.add_dropdown(
@@ -109,7 +144,8 @@ class LidarPage(PageBase):
     def _build_slider(self) -> None:
         gui, count = self.gui, self._count()
         panel: Any = gui.add_panel()
-        panel.float(x=8, y=-8, width=TIMELINE_WIDTH_PX)
+        panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=PAIR_WIDTH_PX[1])
+        self._chooser = panel
         with panel.add_tab("Pair"):
             self._slider: Any = gui.add_slider("Pair", 1, max(count, 2), 1, 1)
             self._steps = gui.add_button_group("", ("◀ previous", "next ▶", "tick in or out"))
