@@ -212,6 +212,7 @@ _FINDERS: tuple[Callable[[Detection, Calibration | None], Finding | None], ...] 
 )  # fmt: skip
 _SLOW = (wrong_camera, mixed_up_clouds)
 _KINDS = {
+    "edge-on": "the board is seen edge-on",
     "wrong pair": "picture and cloud do not show the same pose",
     "no board in the cloud where": "no board in the cloud where the picture has it",
     "no board in the cloud": "no board in the cloud",
@@ -225,6 +226,8 @@ _REMEDIES = {
     "size of the board in board.yaml",
     "no board in the cloud": "hold the board free of walls and people, nearer to the LiDAR; check width_m and "
     "height_m in board.yaml",
+    "the board is seen edge-on": "hold it so that camera and LiDAR both see its face; noise of several "
+    "centimetres on a small board looks the same: take a larger one",
     "no board in the picture": "count the inner corners again (columns, rows); the whole pattern must be seen, sharp",
     "corners do not fit the board": "check camera.yaml and board.yaml",
     "no picture of this name": "give picture and cloud the same name",
