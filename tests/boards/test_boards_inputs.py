@@ -191,6 +191,17 @@ def test_pictures_and_clouds_of_different_poses_have_one_cause_in_front() -> Non
     assert np.sqrt(np.diag(result.covariance)).max() < 20.0
 
 
+@pytest.mark.parametrize(("count", "trusted"), [(6, False), (14, True)])
+def test_a_camera_from_few_boards_is_not_to_be_trusted(count: int, trusted: bool) -> None:
+    seen = paper.simulate_boards(count, np.random.default_rng(6), paper.SimulatedNoise(0.1, 0.01))
+    result = calibrate(seen, paper.BOARD, paper.CAMERA, with_intrinsics=True)
+    answer = judge(Detection(paper.BOARD, paper.CAMERA, tuple(seen)), result)
+    assert answer.trusted == trusted, answer.why
+    if not trusted:
+        assert answer.calibration.verdict == "weak"
+        assert f"the camera is estimated from {count} boards that span" in answer.why
+
+
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("boards") / "set"
