@@ -110,10 +110,11 @@ def analyse_openly(
 ) -> tuple[Drive, Workings]:
     """`analyse` with what it was made from."""
     known = rig or Rig()
-    results, filtered, smoothed = _one_rig(results, camera, config)
+    tracks = pack(camera, results, config.odometry)
+    results, filtered, smoothed = _one_rig(results, tracks, config)
     give_back()
     frames = FrameTable.of(results, filtered, smoothed)
-    tracks = pack(camera, results, config.odometry)
+    tracks = tracks.with_road(frames.ok)
     yaw = estimate_yaw(tracks, smoothed.values, config.yaw, known.lever_arm_m, config.vehicle, smoothed.sigma)
     yaw_measured = _yaw(yaw, known)
     lever = known.lever_arm_m or Measured(yaw.lever_arm_m, yaw.lever_arm_sigma_m)
@@ -170,19 +171,19 @@ def _lidar(
 
 
 def _one_rig(
-    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
+    results: Sequence[FrameResult], tracks: PackedTracks, config: PipelineConfig
 ) -> tuple[Sequence[FrameResult], FilteredExtrinsics, FilteredExtrinsics]:
     """The results without frames that contradict the others; the filter over all, and the smoother without them.
 
     The filter knows nothing of later frames, and so not which ones will turn out to contradict. Every round leaves out
     at least one frame or is the last: no frame that is ok in the end contradicts the smoothed rig of the end.
     """
-    filtered, smoothed = filter_drive(results, camera, config)
+    filtered, smoothed = filter_drive(results, tracks.camera, config, tracks)
     kept: Sequence[FrameResult] = consistent(results, config.consistency)
     while True:
         if sum(r.ok for r in kept) < sum(r.ok for r in results):
             results = kept
-            _, smoothed = filter_drive(results, camera, config)
+            _, smoothed = filter_drive(results, tracks.camera, config, tracks)
         kept = near_smoothed(results, smoothed.values, config.consistency)
         if sum(r.ok for r in kept) == sum(r.ok for r in results):
             return results, filtered, smoothed

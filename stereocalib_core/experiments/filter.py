@@ -16,7 +16,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stereocalib_core.back.analyse import analyse
+from stereocalib_core.back.odometry.packing import pack
 from stereocalib_core.back.rig.body_filter import RigFilter, plane_covariance, plane_of
+from stereocalib_core.back.rig.carried import Moved, motions
 from stereocalib_core.back.rig.road_points import Look
 from stereocalib_core.back.rig.smoothing import measurements
 from stereocalib_core.config import PipelineConfig
@@ -50,8 +52,8 @@ class LinearFilter(RigFilter):
     def _plane(self, values: Array) -> Array:
         return values
 
-    def _plane_covariance(self, values: Array, covariance: Array) -> Array:
-        return covariance
+    def _jacobian(self, values: Array) -> Array:
+        return np.eye(3)
 
 
 def run(out: Path, source: str | None = None, progress: Progress | None = None) -> dict[str, Any]:
@@ -93,16 +95,25 @@ def judge(
     truth = source.ground_truth
     assert truth is not None and truth.extrinsics is not None
     table = analyse(results, source.camera, config, truth).frames
-    linear = filtered_by(LinearFilter, measurements(results, source.camera, config), source, config)
+    tracks = pack(source.camera, results, config.odometry)
+    looks = measurements(results, tracks, config)
+    linear = filtered_by(LinearFilter, looks, source, config, motions(tracks))
     return against(table, linear, truth.extrinsics[: len(results), :3])
 
 
 def filtered_by(
-    kind: type[RigFilter], looks: Sequence[Sequence[Look]], source: FrameSource, config: PipelineConfig
+    kind: type[RigFilter],
+    looks: Sequence[Sequence[Look]],
+    source: FrameSource,
+    config: PipelineConfig,
+    moved: Sequence[Moved | None] | None = None,
 ) -> Array:
-    """(N, 3) height, pitch, roll by a filter given the looks of each frame, none = failed."""
+    """(N, 3) height, pitch, roll by a filter given the looks of each frame, none = failed, and the motions into it."""
     rig = kind(source.camera, config.filter, config.vehicle)
-    found = [rig.step(float(t), *seen).values for t, seen in zip(source.timestamps_s, looks, strict=False)]
+    found = [
+        rig.step(float(t), *seen, moved=motion).values
+        for t, seen, motion in zip(source.timestamps_s, looks, moved or [None] * len(looks), strict=False)
+    ]
     return np.array(found).reshape(-1, 3)
 
 

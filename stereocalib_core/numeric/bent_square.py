@@ -11,8 +11,8 @@ _FURTHER = np.array([1.25, 1.0, 0.6, 0.4])
 
 
 def bends(x: Array, z: Array) -> Array:
-    """(N, 2): bent across, and twisted; of size 1 at x = 1."""
-    return np.column_stack([x * x - 1.0 / 3.0, x * z])
+    """(N, 3): bent across, twisted, and bent along; of size 1 at x = 1, at z = 1."""
+    return np.column_stack([x * x - 1.0 / 3.0, x * z, z * z - 1.0 / 3.0])
 
 
 def further_bends(x: Array, z: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,6 +41,14 @@ class PackedTracks:
 
     def __len__(self) -> int:
         return len(self.previous)
+
+    def with_road(self, road_ok: NDArray[np.bool_]) -> PackedTracks:
+        """The same tracks where other frames showed their road; what rests on the tracks alone is not solved again."""
+        other = dataclasses.replace(self, road_ok=road_ok)
+        for name in ("_stereo", "stereo_motion", "still", "active"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
 
     @cached_property
     def stereo_motion(self) -> Array:

@@ -12,9 +12,11 @@ def warm_up() -> None:
     from stereocalib_core.back.rig.vanishing_point import vanishing_points
     from stereocalib_core.geometry import StereoCamera
 
-    points = np.random.default_rng(0).uniform(0.1, 0.4, (9, 30))
-    shapes, further = np.ascontiguousarray(points[3:5].T), np.ascontiguousarray(points[5:].T)
-    fit_surface(points[:3], np.ones(30), shapes, further, np.array([1e-3, 1e-2]), 0.5, 1e-3, 1.0, 3, 1, 0.3)
+    points = np.random.default_rng(0).uniform(0.1, 0.4, (10, 30))
+    shapes, further = np.ascontiguousarray(points[3:6].T), np.ascontiguousarray(points[6:].T)
+    fit_surface(
+        points[:3], np.ones(30), shapes, further, np.array([1e-3, 1e-2]), 0.5, 1e-3, 1.0, 1.0, 3, 1, 0.3
+    )
     rig = RigFilter(StereoCamera(640, 320, 400.0, 320.0, 160.0, 0.5))
     for time_s in (0.0, 0.1):
         rig.step(time_s, Look(np.array([1.6, 0.0, 0.0]), np.diag([1e-4, 1e-6, 1e-6])))

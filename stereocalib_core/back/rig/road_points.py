@@ -2,9 +2,9 @@
 
 Tracks are aligned from left to right to a fraction of a pixel, so that a hundred of them in the own lane show
 height, pitch and roll better than dense matching does, whose line and slope also take in how the road is
-cambered beside the lane. Camber and twist of the lane are fitted beside the plane, as for the direct alignment, and
-what bends further makes the plane unsure: where a turn begins, the lane ahead is no plane, and without that the points
-are ten times surer than right. The filter takes a pair's own estimate and these by their covariances.
+cambered beside the lane. Camber, twist and bend along the lane are fitted beside the plane, as for the direct
+alignment, and what bends further makes the plane unsure: where a turn begins, the lane ahead is no plane, and without
+that the points are ten times surer than right. The filter takes a pair's own estimate and these by their covariances.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stereocalib_core.back.odometry.packing import PackedTracks, pack
+from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.config import DirectConfig, FilterConfig, RoadPointsConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric import bent_square
@@ -42,6 +42,7 @@ def fit_surface(
     reluctance: float,
     base_m: float,
     per_twist: float,
+    per_along: float,
     rounds: int,
     soft_rounds: int,
     least_scale: float,
@@ -49,21 +50,22 @@ def fit_surface(
     """(3,) coefficients of disparity = a y + b x + c [px] of the plane under a bent road, and their (3, 3) covariance.
 
     rays: (3, M) x = (u - cx) / f, y = (v - cy) / f, disparity [px]. noise: (M,) standard deviation of each
-    disparity. shapes: (M, 2) camber and twist of one metre, further: (M, 4) the bends that are not fitted [px].
-    sizes: of the first, averaged by their evidence; of the others `base_m`, and more with the twist that is found.
+    disparity. shapes: (M, 3) camber, twist and bend along of one metre, further: (M, 4) the bends that are not
+    fitted [px]. sizes: of the first, averaged by their evidence; of the others `base_m`, and more with the twist and
+    the bend along that are found.
     Weights fall off gently for the first `soft_rounds` of `rounds`, so that the first plane may be a poor one, and
     then to nothing: a kerb beside a bend is a fifth of the points.
     """
     m = rays.shape[1]
-    J = np.empty((m, 5))
+    J = np.empty((m, 6))
     J[:, 0], J[:, 1], J[:, 2], J[:, 3:] = rays[1], rays[0], 1.0, shapes
     weight, scale = 1.0 / noise**2, 1.0
-    normal, right, solution = np.zeros((5, 5)), np.zeros(5), np.zeros(5)
+    normal, right, solution = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     for k in range(rounds):
         weighted = J * weight.reshape(m, 1)
         normal[:], right[:] = weighted.T @ J, weighted.T @ rays[2]
         held, size = normal.copy(), sizes[0] if k < soft_rounds else sizes[-2]
-        for bend in range(3, 5):
+        for bend in range(3, 6):
             held[bend, bend] += size**-2.0
         if abs(np.linalg.det(held)) < 1e-9:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -75,27 +77,27 @@ def fit_surface(
     solution, covariance, average = average_over_sizes(
         normal / scale**2, right / scale**2, 3, sizes, reluctance
     )
-    size = np.sqrt(base_m**2 + (per_twist * solution[4]) ** 2)
-    response = average @ (weighted.T / scale**2 @ further) * size
+    further_m = np.array([base_m, per_twist * solution[4], per_along * solution[5]])
+    response = average @ (weighted.T / scale**2 @ further) * np.sqrt(np.sum(further_m**2))
     covariance = covariance + response @ response.T
     return solution[:3].copy(), covariance[:3, :3].copy()
 
 
 def road_planes(
-    camera: StereoCamera, results: Sequence[FrameResult], config: RoadPointsConfig, surface: DirectConfig
+    results: Sequence[FrameResult], tracks: PackedTracks, config: RoadPointsConfig, surface: DirectConfig
 ) -> tuple[Array, Array]:
     """(N, 3) height [m], pitch, roll [rad] by the road points of each frame and (N, 3, 3); NaN where there are few.
 
-    surface: how a road's surface differs from its plane, the same as for the direct alignment.
+    tracks: of the same frames. surface: how a road differs from its plane, the same as for the direct alignment.
     """
     values, covariance = np.full((len(results), 3), np.nan), np.full((len(results), 3, 3), np.nan)
-    curvature = curvatures(pack(camera, results))
+    curvature = curvatures(tracks)
     for i, r in enumerate(results):
         if r.tracks is not None and r.road is not None:
             # of the frame itself: the points that the next frame finds again are not known yet
             points = r.tracks.points[r.tracks.on_road].astype(np.float64)[:, 3:]
             seen_from = r.road.extrinsics.height_m, float(curvature[i])
-            values[i], covariance[i] = _plane(camera, points, *seen_from, config, surface)
+            values[i], covariance[i] = _plane(tracks.camera, points, *seen_from, config, surface)
     return values, covariance
 
 
@@ -143,6 +145,7 @@ def _plane(
         surface.bend_reluctance,
         float(np.hypot(surface.further_bend_m, unseen_m)),
         surface.further_per_twist,
+        config.further_per_along,
         config.rounds,
         config.soft_rounds,
         config.least_scale,

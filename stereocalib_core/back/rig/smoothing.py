@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from stereocalib_core.back.odometry.packing import PackedTracks, pack
+from stereocalib_core.back.rig.carried import motions
 from stereocalib_core.back.rig.road_points import Look, road_planes
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import StereoCamera
@@ -25,12 +27,17 @@ class FilteredDrive(NamedTuple):
 
 
 def filter_drive(
-    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig | None = None
+    results: Sequence[FrameResult],
+    camera: StereoCamera,
+    config: PipelineConfig | None = None,
+    tracks: PackedTracks | None = None,
 ) -> FilteredDrive:
     """The extrinsics of a drive after the filter, forwards, and after a look back (Rauch, Tung, Striebel).
 
     With the method `paper`, whose stated covariance knows nothing of camber and twist, tracked road points count
     where they are surer; the direct alignment is as sure as they are.
+
+    tracks: of the same frames, where they are packed already; they show how the camera moved from each to the next.
 
     The look back goes over every stretch of `updated` frames. What was predicted stays as it was predicted: later
     frames do not bridge a gap.
@@ -39,11 +46,13 @@ def filter_drive(
     from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance, seen
 
     config = config or PipelineConfig()
+    tracks = tracks or pack(camera, results, config.odometry)
     rig = RigFilter(camera, config.filter, config.vehicle)
     steps: list[FilterStep] = []
     persistent: list[Array] = []
-    for result, looks in zip(results, measurements(results, camera, config), strict=True):
-        steps.append(rig.step(result.timestamp_s, *looks))
+    seen_so = measurements(results, tracks, config)
+    for result, looks, moved in zip(results, seen_so, motions(tracks), strict=True):
+        steps.append(rig.step(result.timestamp_s, *looks, moved=moved))
         persistent.append(rig.persistent)
     state, bends = tuple(s.state for s in steps), _bends(results)
     values = np.array([s.values for s in steps]).reshape(-1, 3)
@@ -58,7 +67,7 @@ def filter_drive(
 
 
 def measurements(
-    results: Sequence[FrameResult], camera: StereoCamera, config: PipelineConfig
+    results: Sequence[FrameResult], tracks: PackedTracks, config: PipelineConfig
 ) -> list[tuple[Look, ...]]:
     """What the filter is given: the looks at the road of each frame, the pair's own first; none without a road."""
     looks: list[tuple[Look, ...]] = []
@@ -67,8 +76,8 @@ def measurements(
         values = None if e is None else np.array([e.height_m, e.pitch_rad, e.roll_rad])
         looks.append(() if values is None or result.road is None else (Look(values, result.road.covariance),))
     if config.method == "paper":
-        points = zip(*road_planes(camera, results, config.filter.road_points, config.direct), strict=True)
-        looks = [own and (*own, Look(*other)) for own, other in zip(looks, points, strict=True)]
+        points = zip(*road_planes(results, tracks, config.filter.road_points, config.direct), strict=True)
+        looks = [(*own, Look(*other)) if own else () for own, other in zip(looks, points, strict=True)]
     return looks
 
 
@@ -101,9 +110,9 @@ def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Array, Array]]:
     """Smoothed states and covariances of consecutive frames, last frame first."""
     x, P = steps[-1].x, steps[-1].P
     smoothed = [(x, P)]
-    for now, later in zip(steps[-2::-1], steps[:0:-1], strict=True):
-        gain = np.linalg.solve(later.P_prior, later.F @ now.P).T
-        x = now.x + gain @ (x - later.x_prior)
-        P = now.P + gain @ (P - later.P_prior) @ gain.T
+    for later in steps[:0:-1]:
+        gain = np.linalg.solve(later.P_prior, later.F @ later.P_before).T
+        x = later.x_before + gain @ (x - later.x_prior)
+        P = later.P_before + gain @ (P - later.P_prior) @ gain.T
         smoothed.append((x, P))
     return smoothed

@@ -46,8 +46,7 @@ def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]
 
 def bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
     """(N, 3) height of camber, twist and a bend along the lane of 1 m at road points."""
-    across, along = _normal(x_m, z_m, config)
-    return np.column_stack([bent_square.bends(across, along), along * along - 1.0 / 3.0])
+    return bent_square.bends(*_normal(x_m, z_m, config))
 
 
 def further_bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from simulated_tracks import CAMERA, simulate
 
+from stereocalib_core.back.odometry.packing import pack
 from stereocalib_core.back.rig.road_points import Look, lean_on, road_planes
 from stereocalib_core.back.rig.smoothing import filter_drive
 from stereocalib_core.config import DirectConfig, FilterConfig, PipelineConfig, RoadPointsConfig
@@ -19,7 +20,7 @@ CONFIG = RoadPointsConfig()
 
 def test_points_show_the_plane_they_lie_on() -> None:
     results, extrinsics = simulate(np.zeros(40), -0.3, noise_px=0.1)
-    values, covariance = road_planes(CAMERA, results, CONFIG, DirectConfig())
+    values, covariance = road_planes(results, pack(CAMERA, results), CONFIG, DirectConfig())
     # the first frame has no points of its own, and those that the second finds again come too late for it
     assert np.isnan(values[0]).all()
     error, covariance = (values - extrinsics[:, :3])[1:], covariance[1:]
@@ -41,7 +42,7 @@ def test_a_kerb_among_the_points_does_not_tilt_the_plane() -> None:
             kerb = r.tracks.on_road & (d < fb / 10.0) & (side > 0.3)
             # 8 cm above the road at the same row is so much nearer
             d[kerb] *= 1.0 + 0.08 / 1.65
-    values, covariance = road_planes(CAMERA, results, CONFIG, DirectConfig())
+    values, covariance = road_planes(results, pack(CAMERA, results), CONFIG, DirectConfig())
     error = np.abs(values - extrinsics[:, :3])[1:]
     assert error[:, 0].max() < 0.03
     assert (np.rad2deg(np.median(error[:, 1:], axis=0)) < 0.05).all()
@@ -55,7 +56,7 @@ def test_few_points_say_nothing() -> None:
     for r in results:
         if r.tracks is not None:
             r.tracks.on_road[15:] = False
-    assert np.isnan(road_planes(CAMERA, results, CONFIG, DirectConfig())[0]).all()
+    assert np.isnan(road_planes(results, pack(CAMERA, results), CONFIG, DirectConfig())[0]).all()
 
 
 SLACK = np.diag([0.04, 0.008, 0.008]) ** 2
