@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,26 +13,28 @@ from stereocalib_core.back.analyse import Workings, analyse_openly
 from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.back.odometry.trajectory import TrajectorySettings, trajectory
 from stereocalib_core.config import PipelineConfig
+from stereocalib_core.experiments.filter import against
 from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.results import Drive
 from stereocalib_core.sources import open_source
 
 FRAMES = 45
+RENDERED = f"synthetic:town?frames={FRAMES}"
 
 
-def followed(spec: str) -> tuple[Drive, Workings, np.ndarray]:
+def followed(spec: str, config: PipelineConfig | None = None) -> tuple[Drive, Workings, np.ndarray]:
     """A drive, its workings and its true poses."""
-    source = open_source(spec)
-    front_end = FrontEnd(source.camera, PipelineConfig())
+    source, config = open_source(spec), config or PipelineConfig()
+    front_end = FrontEnd(source.camera, config)
     results = [front_end.step(source[i]) for i in range(min(FRAMES, len(source)))]
-    drive, workings = analyse_openly(results, source.camera, PipelineConfig(), source.ground_truth)
+    drive, workings = analyse_openly(results, source.camera, config, source.ground_truth)
     assert source.ground_truth is not None and source.ground_truth.poses is not None
     return drive, workings, source.ground_truth.poses[: len(results)]
 
 
 @pytest.fixture(scope="module")
 def rendered() -> tuple[Drive, Workings, np.ndarray]:
-    return followed(f"synthetic:town?frames={FRAMES}")
+    return followed(RENDERED)
 
 
 def judge(found: tuple[Drive, Workings, np.ndarray], limit_percent: float) -> None:
@@ -58,6 +61,26 @@ def judge(found: tuple[Drive, Workings, np.ndarray], limit_percent: float) -> No
 
 def test_rendered_drive(rendered: tuple[Drive, Workings, np.ndarray]) -> None:
     judge(rendered, 0.6)
+
+
+def filtered_against_the_truth(drive: Drive) -> dict[str, Any]:
+    """The block of `experiments filter` of one method, on the rendered drive."""
+    truth = open_source(RENDERED).ground_truth
+    assert truth is not None and truth.extrinsics is not None
+    return against(drive.frames, drive.frames.filtered, truth.extrinsics[:FRAMES, :3])[0]
+
+
+def test_the_filter_gains_most_on_rough_looks_and_loses_nothing_on_fine_ones(
+    rendered: tuple[Drive, Workings, np.ndarray],
+) -> None:
+    """As shipped; the whole town is judged by `experiments filter`, and this is its first street."""
+    paper = followed(RENDERED, PipelineConfig(method="paper"))[0]
+    for drive, limits in ((paper, (0.45, 0.7, 0.7)), (rendered[0], (1.0, 1.0, 1.0))):
+        block = filtered_against_the_truth(drive)
+        for series in ("filtered", "smoothed"):
+            ratio, twice = (list(block[series][key].values()) for key in ("ratio", "within_2_sigma"))
+            assert (np.array(ratio) <= limits).all(), (drive.method, series, ratio)
+            assert min(twice) > 0.8, (drive.method, series, twice)
 
 
 def test_kitti_06(kitti_06: Path) -> None:

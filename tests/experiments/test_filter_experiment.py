@@ -87,6 +87,6 @@ def test_a_linear_filter_is_worse_where_planes_are_noisy_and_the_same_where_not(
     from stereocalib_core.sources import open_source
 
     monkeypatch.setattr(experiment, "ROUGH_HEIGHTS", (0.004, 0.12))
-    fine, rough = experiment.rough_planes(open_source("synthetic:town?frames=200"))
+    fine, rough = experiment.rough_planes(open_source("synthetic:town?frames=100"))
     assert fine["linear_over_ukf"] == pytest.approx(1.0, abs=0.02)
     assert rough["linear_over_ukf"] - 2.0 * rough["linear_over_ukf_sigma"] > 1.5
