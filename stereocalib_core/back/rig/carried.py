@@ -7,17 +7,14 @@ road is needed to know it, and nothing that comes later.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from stereocalib_core.back.odometry.packing import PackedTracks
-from stereocalib_core.geometry import Extrinsics, transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
-
-_STEP = 1e-6
-"""Of the central differences [m], [rad]: the functions are smooth, and this is far above rounding."""
 
 
 class Moved(NamedTuple):
@@ -46,19 +43,18 @@ def motions(tracks: PackedTracks) -> list[Moved | None]:
 
 def carry(values: Array, moved: Moved) -> tuple[Array, Array, Array]:
     """Height [m], pitch, roll [rad] over the road of before as seen now (3,), how they follow those of before (3, 3),
-    and the covariance (3, 3) that the motion's own brings."""
-    by_values, by_motion = np.empty((3, 3)), np.empty((3, 6))
-    for k in range(3):
-        off = np.eye(3)[k] * _STEP
-        by_values[:, k] = _seen(values + off, moved.motion) - _seen(values - off, moved.motion)
-    for k in range(6):
-        off = np.eye(6)[k] * _STEP
-        by_motion[:, k] = _seen(values, moved.motion + off) - _seen(values, moved.motion - off)
-    by_values, by_motion = by_values / (2.0 * _STEP), by_motion / (2.0 * _STEP)
-    return _seen(values, moved.motion), by_values, by_motion @ moved.covariance @ by_motion.T
-
-
-def _seen(values: Array, motion: Array) -> Array:
-    plane = Extrinsics(*values.tolist()).plane()
-    e = Extrinsics.from_plane(plane.transformed(transform(rotation_from_vector(motion[:3]), motion[3:])))
-    return np.array([e.height_m, e.pitch_rad, e.roll_rad])
+    and the covariance (3, 3) that the motion's own brings, to first order in a small rotation."""
+    R, t = rotation_from_vector(moved.motion[:3]), moved.motion[3:]
+    (cp, sp), (cr, sr) = ((math.cos(a), math.sin(a)) for a in values[1:].tolist())
+    n = R @ np.array([-sr, cr * cp, cr * sp])
+    by_angles = R @ np.array([[0.0, -cr], [-cr * sp, -sr * cp], [cr * cp, -sr * sp]])
+    x, y, z = n.tolist()
+    # of height, pitch and roll by the normal
+    reach = y * y + z * z
+    J = np.array([t, [0.0, -z / reach, y / reach], [-1.0 / math.sqrt(reach), 0.0, 0.0]])
+    by_values = np.column_stack([[1.0, 0.0, 0.0], J @ by_angles])
+    by_motion = np.zeros((3, 6))
+    by_motion[:, :3] = J @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    by_motion[0, 3:] = n
+    found = np.array([float(values[0]) + float(n @ t), math.atan2(z, y), -math.asin(x)])
+    return found, by_values, by_motion @ moved.covariance @ by_motion.T

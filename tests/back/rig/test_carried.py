@@ -34,6 +34,9 @@ def test_a_plane_is_where_the_motion_has_brought_the_camera() -> None:
     moved = between(before, after, 0.9)
     found, by_values, covariance = carry(before, moved)
     np.testing.assert_allclose(found, after, atol=1e-12)
+    off = 1e-6 * np.eye(3)
+    differences = [carry(before + o, moved)[0] - carry(before - o, moved)[0] for o in off]
+    np.testing.assert_allclose(by_values, np.array(differences).T / 2e-6, atol=1e-7)
     # a camera that looks down by more than was thought has come down on the way
     assert by_values[0, 1] == pytest.approx(-0.9, abs=0.05)
     rng = np.random.default_rng(1)
