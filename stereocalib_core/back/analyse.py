@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from stereocalib_core.back.causes import find_causes
+from stereocalib_core.back.causes import calibration_of_others, find_causes
 from stereocalib_core.back.evaluation import evaluate
 from stereocalib_core.back.lidar.all_six import with_all_six
 from stereocalib_core.back.lidar.road_check import check, who_moved
@@ -149,7 +149,10 @@ def analyse_openly(
         gaps=frames.gaps(best.measured),
         shifts=shifts,
         lidar=lidar,
-        causes=find_causes(results, config.causes),
+        causes=(
+            *calibration_of_others(yaw.value_rad, results, config.yaw),
+            *find_causes(results, config.causes),
+        ),
         config=config,
     )
     return drive, Workings(tracks, extrinsics, yaw, paths)

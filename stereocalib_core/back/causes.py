@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereocalib_core.back.remedies import REMEDIES
+from stereocalib_core.back.remedies import REMEDIES, UPSIDE_DOWN
 from stereocalib_core.back.spans import Span, failed_spans
-from stereocalib_core.config.back import CausesConfig
+from stereocalib_core.config.back import CausesConfig, YawConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.numeric.arrays import Array, Mask
 from stereocalib_core.numeric.robust import mad_sigma
@@ -79,6 +79,8 @@ QUANTITIES = (
         3, 2.0,
     ),
 )  # fmt: skip
+_NEAR_ABOVE = ("picture", "nearness above over below")
+"""Stage and name of the check that fails where a picture stands on its head."""
 SEEN = frozenset(
     {
         FailureReason.DARK,
@@ -132,6 +134,19 @@ def find_causes(results: Sequence[FrameResult], config: CausesConfig | None = No
     return tuple(_cause(span, results, changes(span, results, values, ok, config), config) for span in spans)
 
 
+def calibration_of_others(
+    yaw_rad: float | None, results: Sequence[FrameResult], config: YawConfig
+) -> tuple[Cause, ...]:
+    """CALIBRATION over the whole drive where the camera seems to look far beside the car's way."""
+    if yaw_rad is None or abs(np.rad2deg(yaw_rad)) <= config.most_deg:
+        return ()
+    reason = FailureReason.CALIBRATION
+    cause, remedy = REMEDIES[reason]
+    aside = f"the camera seems to look {np.rad2deg(yaw_rad):+.1f} deg beside where the car goes"
+    words = f"{cause} ({aside}, at most {config.most_deg:g})"
+    return (Cause(results[0].frame, results[-1].frame, str(reason), words, remedy),)
+
+
 def changes_at(
     results: Sequence[FrameResult], frame: int, config: CausesConfig | None = None
 ) -> list[Change]:
@@ -179,6 +194,9 @@ def _cause(
 ) -> Cause:
     """The leading cause in words, with its numbers; where no number tells one, the reason's own."""
     reason = FailureReason(span.reason)
+    if (turned := _upside_down(span, results)) is not None and reason in UPSIDE_DOWN:
+        cause, remedy = UPSIDE_DOWN[reason]
+        return Cause(span.first, span.last, span.reason, f"{cause} ({turned})", remedy)
     leading = next((c for c in found if c.far and c.quantity.cause is not None), None)
     if reason in SEEN and leading is not None and leading.quantity.remedy is not None:
         told = [leading, *(c for c in found if c.far and c is not leading)][: config.named]
@@ -193,6 +211,15 @@ def _cause(
     moved = [c.words for c in found if c.sigmas >= config.sigmas] if reason in SEEN else []
     numbers = "; ".join(part for part in (details, ", ".join(moved[: config.named])) if part)
     return Cause(span.first, span.last, span.reason, f"{cause} ({numbers})" if numbers else cause, remedy)
+
+
+def _upside_down(span: Span, results: Sequence[FrameResult]) -> str | None:
+    """By how much what is near lies above in most frames of a stretch, in words; None where it does not."""
+    inside = [r for r in results if span.first <= r.frame <= span.last]
+    found = [c for r in inside for c in r.checks if (c.stage, c.name) == _NEAR_ABOVE and not c.ok]
+    if 2 * len(found) <= len(inside):
+        return None
+    return f"{np.median([c.value for c in found]):.1f} times as near as what lies below"
 
 
 def _near_its_limit(

@@ -76,3 +76,15 @@ REMEDIES: Final[dict[FailureReason, tuple[str, str]]] = {
         "trigger both cameras together; shift one list of pictures by the lag that is named",
     ),
 }
+
+UPSIDE_DOWN: Final[dict[FailureReason, tuple[str, str]]] = {
+    FailureReason.SWAPPED: (
+        "the pictures are upside down: what is near lies above, and everything seems to lie behind the camera",
+        "turn both pictures by half a turn; left and right stay as they are",
+    ),
+    FailureReason.NO_ROAD: (
+        "the pictures are upside down: what is near lies above",
+        "turn both pictures by half a turn and exchange left and right; flip them where they are mirrored",
+    ),
+}
+"""The same where what a picture has nearest lies in its upper part."""

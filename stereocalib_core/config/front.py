@@ -237,6 +237,14 @@ class DirectConfig:
     turning_roll_rad: float = 0.0144
     """1 sigma of roll (0.83 deg) added where the lane is that of a turn. Physics: a crossfall of 2.5 % to either side,
     and anything between, evenly."""
+    alone_planar: tuple[float, float] = (0.9, 0.77)
+    """A pair with nothing before it can't tell its road from what lies beside: from the first share of the lane's cells
+    on the plane down to the second, what follows is added to its sigma. Chosen on Karlsruhe, each of whose frames
+    was looked at alone; judged on 03, 06, 0005 and 0009."""
+    alone_pitch_rad: float = 0.009
+    alone_roll_rad: float = 0.023
+    """1 sigma (0.5 and 1.3 deg) then: the lane's own road lies as far from a plane on one side of its crown, or on a
+    bank of snow beside it. Within the limits, for it may well be the road."""
     min_patches: int = 25
     """Numerical: five for each of the five unknowns; whether they are enough sigma says."""
     agree_height_m: float = 0.06

@@ -56,10 +56,13 @@ def reach_of(camera: StereoCamera, plane: DisparityPlane, step_px: int, config: 
     """How near and how far the road of `plane` [disparity space] is to be looked at.
 
     Near: where it comes into the picture. Far: where the matcher's noise is `most_noise` of the disparity (so much
-    of the camera's height it is in height) or the lane ends, but at least `least_reach` near ends.
+    of the camera's height it is in height) or the lane ends, but at least `least_reach` near ends; and no farther
+    than where it leaves a picture that looks down.
     """
     fb = camera.focal_px * camera.baseline_m
     bottom = plane.a * (camera.height - 1.0 - camera.cy_px) + plane.c_px
+    top = plane.a * -camera.cy_px + plane.c_px
     near_m = fb / max(bottom, 1e-6)
     by_noise = fb * config.most_noise / noise_px(step_px, config)
-    return Reach(near_m, max(min(by_noise, config.lane_far_m), config.least_reach * near_m))
+    far_m = max(min(by_noise, config.lane_far_m), config.least_reach * near_m)
+    return Reach(near_m, min(far_m, fb / top) if top > 0 else far_m)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.config.verdicts import MIN_OK_FRACTION
+from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results.frame import FrameResult, Measured
 from stereocalib_core.results.pair import Mending, Pair
@@ -299,6 +300,7 @@ class Drive:
         if self.frames_ok < MIN_OK_FRACTION * len(self.frames):
             reasons = ", ".join(f"{count} {reason}" for reason, count in self.frames.failures.items())
             found.append(f"only {self.frames_ok} of {len(self.frames)} frames are ok ({reasons})")
+        found.extend(c.cause for c in self.causes if c.reason == FailureReason.CALIBRATION)
         if self.pair.verdict == "bad":
             found.append(f"the stereo pair is bad ({self.pair.why.partition(';')[0]})")
         if self.within_tolerance is False:

@@ -20,6 +20,7 @@ from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
 from stereocalib_core.front.road.region import Region, grow
 from stereocalib_core.front.road.result import RoadResult
+from stereocalib_core.front.rows.self_check import overhead, upside_down_check
 from stereocalib_core.front.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
@@ -237,14 +238,16 @@ def finish_road(
     road = _with_region(begun, notes, camera, config, hint or Hint())
     region = road.region
     if region is None:
-        return notes.end(road, road.failure)
+        return _no_road(notes, road, config)
     _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
     least = config.region.least_share_ahead
     enough = notes.check("region", "share of the way ahead", region.share, low=least)
     notes.check("region", "on the plane", region.planar)
     if not enough:
         little = f"road on {region.share:.0%} of the way ahead, needs {least:.0%}"
-        return notes.end(road, Failure(FailureReason.NO_ROAD, little))
+        return _no_road(
+            notes, dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, little)), config
+        )
     paper = direct = None
     if config.method == "paper" or compare:
         paper = fit_on_region(disparity, region, camera, config.profile)
@@ -266,6 +269,16 @@ def finish_road(
         e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad, along=along
     )
     return notes.end(road, None, estimate)
+
+
+def _no_road(notes: Notes, road: RoadResult, config: PipelineConfig) -> RoadResult:
+    """Ends without a road; a picture that has what is near above is told to stand on its head."""
+    values = road.disparity.values
+    rows, columns = np.nonzero(values > 0)
+    turned = overhead(rows.astype(np.float64), values[rows, columns].astype(np.float64), values.shape[0])
+    if turned > config.rectification.overhead:
+        notes.checks.append(upside_down_check(turned, config.rectification))
+    return notes.end(road, road.failure)
 
 
 NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
@@ -300,9 +313,21 @@ def _by_alignment(
     other = config.other_side_rad * (1.0 - region.planar) ** 3
     turning = config.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
     inliers = int(np.count_nonzero(direct.patches.weight))
+    doubt = 0.0 if hint.pasts else _doubt(region.planar, config)
     crossfall = float(np.hypot(other, turning))
     way = region.strip if region.strip.curvature_per_m != 0.0 else hint.way
-    return direct.extrinsics, direct.covariance, inliers, crossfall, _along(crossfall, way, region.range_m)
+    along = _along(crossfall, way, region.range_m)
+    if doubt > 0.0:
+        crossfall = float(np.hypot(crossfall, doubt * config.alone_roll_rad))
+        pitch = float(np.hypot(along[1], doubt * config.alone_pitch_rad))
+        along = (0.25 * sum(region.range_m) * pitch, pitch)
+    return direct.extrinsics, direct.covariance, inliers, crossfall, along
+
+
+def _doubt(planar: float, config: DirectConfig) -> float:
+    """0...1, how much a pair with nothing before it can't tell its road from what lies beside it."""
+    none, full = config.alone_planar
+    return float(np.clip((none - planar) / (none - full), 0.0, 1.0))
 
 
 def _along(crossfall_rad: float, way: Way, range_m: tuple[float, float]) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from stereocalib_core.front.road.region import Region
 from stereocalib_core.front.road.surface import (
     SLOTS,
     bends,
+    beside_covariance,
     fit_lane,
     further_bends,
     left_roughness,
@@ -35,6 +36,9 @@ from stereocalib_core.front.road.surface import (
 )
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array, Grey
+
+LANE_LENGTH_M = DirectConfig().far_m - DirectConfig().near_m
+"""Of the lane that `uneven_length_m` is told for."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ def fit_direct(
     parameters = np.array([start.a, start.b, start.c_px])
     f, cx, cy, b = (float(x) for x in (camera.focal_px, camera.cx_px, camera.cy_px, camera.baseline_m))
     half_u, half_v = config.patch_half_width_px, config.patch_half_height_px
+    # Roads are rough at every scale alike (ISO 8608): what plane and bends leave of a shorter stretch is shorter too.
+    alike_m = config.uneven_length_m * min((config.far_m - config.near_m) / LANE_LENGTH_M, 1.0)
     half_m = config.wide_half_width_m if wide else config.fit_half_width_m
     us, vs, z = lay_patches(
         camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v, *region.range_m, half_m,
@@ -110,8 +116,9 @@ def fit_direct(
     J_bends = shapes * px_per_m[:, None]
     J = np.hstack([J_plane, J_bends])
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * height_m)
-    shared = np.maximum(config.uneven_length_m**2 / area, 1.0)
-    off_lane = config.uneven_beside * np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
+    shared = np.maximum(alike_m**2 / area, 1.0)
+    beside_m = np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
+    off_lane = config.uneven_beside * beside_m
     sums, trust = np.empty((len(us), 6)), np.ones(len(us))
     pixels = (2 * half_u + 1) * (2 * half_v + 1)
     unevenness = config.initial_unevenness_m
@@ -138,8 +145,9 @@ def fit_direct(
         trust = np.zeros(len(us))
         trust[seen] = fit.robust
         if iteration + 1 < config.iterations:
+            # A camber that was held small for the unevenness it was taken for must not prove that unevenness.
             unevenness = min(
-                _unevenness(fit.residual, noise, road, fit.robust, config), config.max_unevenness_m
+                _unevenness(fit.beyond_shape, noise, road, fit.robust, config), config.max_unevenness_m
             )
     if not np.all(np.isfinite(parameters)) or parameters[0] <= 0:
         return None
@@ -154,7 +162,7 @@ def fit_direct(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
         unseen_share(x_m[seen], z[seen], config), config,
-    )  # fmt: skip
+    ) + beside_covariance(fit, x_m[seen], (off_lane * px_per_m)[seen])  # fmt: skip
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
     return DirectFit(
         extrinsics,

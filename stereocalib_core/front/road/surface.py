@@ -28,7 +28,8 @@ SLOTS = 3
 class LaneFit:
     """solution (6,): change of the plane's parameters, then the bends [m]; covariance (6, 6) from the residuals found.
 
-    gain (6, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px].
+    gain (6, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px]. beyond_shape (N,)
+    [px]: the residual over the plane and bends of whatever size fits best.
     """
 
     solution: Array
@@ -36,6 +37,7 @@ class LaneFit:
     gain: Array
     robust: Array
     residual: Array
+    beyond_shape: Array
 
 
 def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]:
@@ -111,6 +113,7 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
         average @ (J * (robust / (scale * variance))[:, None]).T,
         robust,
         offset - J @ solution,
+        residual,
     )
 
 
@@ -131,6 +134,17 @@ def unmodelled_covariance(
         + (config.further_unseen_m * unseen) ** 2
     )
     response = fit.gain @ (further * px_per_m[:, None]) * size
+    return response @ response.T
+
+
+def beside_covariance(fit: LaneFit, x_m: Array, off_px: Array) -> Array:
+    """(6, 6) of what the road beside the lane does to the solution, all along it and on either side by itself.
+
+    off_px: (N,) how far it may be off the lane's bends [px], 1 sigma: a crown, a gutter or a widening runs along.
+    """
+    response = fit.gain @ np.column_stack(
+        [np.where(x_m > 0.0, off_px, 0.0), np.where(x_m < 0.0, off_px, 0.0)]
+    )
     return response @ response.T
 
 

@@ -30,6 +30,9 @@ from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
 from stereocalib_core.results import Check, RectificationSample
 
+UPSIDE_DOWN = "nearness above over below"
+"""Name of the check that fails where a picture stands on its head."""
+
 
 @dataclass(frozen=True)
 class Examination:
@@ -100,6 +103,23 @@ def _behind_and_ahead(
     return int((disparity < -config.behind_px).sum()), int((disparity > config.behind_px).sum())
 
 
+def overhead(v: Array, disparity_px: Array, height_px: int) -> float:
+    """How many times as near the upper third of a picture is as its lower third; 0 where either shows nothing.
+
+    v (M,): rows of what is seen. disparity_px (M,): by how much it is moved, to either side.
+    """
+    near = np.abs(disparity_px)
+    above, below = near[v < height_px / 3.0], near[v > height_px / 1.5]
+    if not len(above) or not len(below):
+        return 0.0
+    return float(np.median(above) / max(np.median(below), 1.0))
+
+
+def upside_down_check(ratio: float, config: RectificationConfig) -> Check:
+    """What tells a picture that stands on its head; see `overhead`."""
+    return Check("picture", UPSIDE_DOWN, ratio, high=config.overhead)
+
+
 def examine(
     camera: StereoCamera,
     left: NDArray[np.uint8],
@@ -131,6 +151,15 @@ def examine(
         detail = f"{behind} of {behind + ahead} matches have negative disparity: left and right are swapped"
         share = behind / (behind + ahead)
         checks.append(Check("rectification", "matches beyond infinity", share, high=0.5))
+        points = matches.points
+        turned = upside_down_check(
+            overhead(points[:, 1], points[:, 0] - points[:, 2] - offset, camera.height), config
+        )
+        checks.append(turned)
+        if not turned.ok:
+            detail += (
+                f"; but what is near lies above ({turned.value:.1f} times as near): they are upside down"
+            )
         return Examination(None, Failure(FailureReason.SWAPPED, detail), tuple(checks))
     sample = fit_rows(camera, matches.points, config) if len(matches.points) >= config.min_matches else None
     if sample is None:
