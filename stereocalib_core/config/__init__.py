@@ -1,7 +1,7 @@
 """Settings: one frozen dataclass per stage, their defaults, and how they are read.
 
-One file a room: `front`, `tracks`, `back` (with `steps`), `odometry`, `vehicle`, `lidar`; here they become one
-tree.
+One file a room: `front` (with `bend`), `tracks`, `back` (with `steps`), `odometry`, `vehicle`, `lidar`; here they
+become one tree.
 
 A settings file is JSON or YAML with any part of the tree that `stereocalib run` writes to `config.json`;
 what is left out keeps its default. Unknown keys and values of the wrong type are refused, and numbers that are
@@ -27,9 +27,11 @@ from stereocalib_core.config.back import (
     MountConfig,
     RectificationConfig,
     RoadPointsConfig,
+    RowMatchesConfig,
     ShiftAlarmConfig,
     YawConfig,
 )
+from stereocalib_core.config.bend import BendConfig
 from stereocalib_core.config.front import (
     DirectConfig,
     DisparityConfig,
@@ -51,11 +53,12 @@ from stereocalib_core.errors import ConfigError
 from stereocalib_core.system.yaml_file import read_yaml
 
 __all__ = [
-    "CausesConfig", "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig", "FreeMapConfig",
-    "ImageConfig", "LagConfig", "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method", "MountConfig",
-    "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig", "RegionConfig",
-    "RoadCheckConfig", "RoadPointsConfig", "ScanDisparityConfig", "ScanSampleConfig", "ShiftAlarmConfig",
-    "SightConfig", "TracksConfig", "VehicleConfig", "YawConfig", "from_dict", "load", "to_dict",
+    "BendConfig", "CausesConfig", "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig",
+    "FreeMapConfig", "ImageConfig", "LagConfig", "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method",
+    "MountConfig", "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
+    "RegionConfig", "RoadCheckConfig", "RoadPointsConfig", "RowMatchesConfig", "ScanDisparityConfig",
+    "ScanSampleConfig", "ShiftAlarmConfig", "SightConfig", "TracksConfig", "VehicleConfig", "YawConfig",
+    "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 Method = Literal["direct", "paper"]

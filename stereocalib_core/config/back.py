@@ -9,9 +9,30 @@ from stereocalib_core.config.strict import STRICT, Floor, Share
 
 
 @dataclass(frozen=True, config=STRICT)
+class RowMatchesConfig:
+    """Sparse matches of left and right whose rows are free."""
+
+    cells: int = 130
+    """That the picture is cut into; the strongest corner of each spreads them over all of it. What one core matches in
+    some 3 ms."""
+    coarse_half_px: int = 4
+    """Half size of the patch that is searched in the half-size picture [px]: 8 x 8."""
+    fine_radius_px: int = 6
+    """... and of the one that is aligned in the whole picture [px]: 13 x 13."""
+    steps: int = 8
+    """Of Gauss-Newton at most. Numerical."""
+    clear: Share = 0.85
+    clear_of_others: Share = 0.04
+    """Least correlation of a coarse match, and by how much it must be better than any elsewhere. Tuned on KITTI 06."""
+    aligned: Share = 0.92
+    """Least correlation once it is aligned. Tuned on KITTI 06."""
+
+
+@dataclass(frozen=True, config=STRICT)
 class RectificationConfig:
     """The pair's self-check by the rows of its matches."""
 
+    matches: RowMatchesConfig = RowMatchesConfig()
     search_px: float = 128.0
     """Largest disparity searched; 0.4 of it is searched beyond infinity, where only a swapped pair matches."""
     search_rows_px: int = 40

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic.dataclasses import dataclass
 
+from stereocalib_core.config.bend import BendConfig
 from stereocalib_core.config.strict import STRICT
 
 
@@ -73,7 +74,10 @@ class RegionConfig:
     """So many of the best are fitted to the cells on them, in so many rounds, before the best one is taken."""
     carried_frames: int = 5
     """The roads of so many frames are carried along by the odometry, to be seen from where the car is now: half a
-    second, in which a car does not get beyond what it saw."""
+    second, in which a car does not get beyond what it saw..."""
+    carried_step: float = 0.2
+    """... and each at least so many camera heights (a foot) after the one before, so that a car that stands at a
+    junction still knows the road that it came along."""
     draw_within: float = 0.3
     """Cells are drawn by area, fading beyond the distance within which so many of them lie."""
     way_side_m: float = 2.0
@@ -86,6 +90,14 @@ class RegionConfig:
     """Less of the strip ahead is road: NO_ROAD, for what is seen is a pavement as likely. A twelfth of a lane is four
     square metres, half of a car. Chosen on a junction of a rendered drive where a car hides the road, and on real
     streets, which show 0.09 at least."""
+    least_share_carried: float = 0.02
+    """... and this where the road carried along says that it is no pavement: a square metre."""
+    kerb: float = 0.04
+    """Higher or lower than the road carried along by so many camera heights (6.6 cm on a car) is beyond a kerb: twice
+    what unevenness and both measurements make of it. Kerbs are 8 to 14 cm high."""
+    leans_below: float = 0.3
+    """A region that covers less of the strip is looked for again at the road carried along where it leans from that by
+    more than two sigmas."""
     min_share_ahead: float = 0.2
     """Less of the strip straight ahead is road: the strip along the car's way is meant, where more of that is."""
     near_length: float = 1.3
@@ -107,6 +119,16 @@ class RegionConfig:
     """How far a rig's own road lies from that of a moment ago, 1 sigma: the body's swing with the road's own shape,
     half a degree of which over the 6 m to the near road is 3.5 % of the height. Chosen with `below_weight` on
     Karlsruhe, 03, 0005 and a rendered turn of seed 5; judged on other seeds and drives."""
+    carried_height: float = 0.02
+    """How much higher or lower the nearest road in the picture lies than the road carried along, 1 sigma, in camera
+    heights: unevenness and what both were measured by, 3 cm on a car. A kerb is four times as high."""
+    carried_pitch_rad: float = 0.0087
+    carried_roll_rad: float = 0.0114
+    """How far a road leans from the one carried along, 1 sigma: half of what a rig's own does, for the body's swing is
+    known. Chosen on a rendered junction before a pavement; judged on 03, Karlsruhe, 0005 and other seeds."""
+    past_less: float = 0.5
+    """A plane that is the rig's by its stand of a moment ago, but not the road then seen carried along, needs so much
+    more road. At a junction the pavement beyond may lie as high as the road that the car came along."""
     past_frames: int = 15
     """The road of a moment ago is the median of so many frames (1.5 s at 10 Hz: longer than the body swings)..."""
     least_past: int = 3
@@ -195,6 +217,9 @@ class DirectConfig:
     """Less of the strip about the car's way in the road's region: the wide fit."""
     uneven_beside: float = 0.008
     """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
+    uneven_beside_all_along: float = 0.005
+    """The part of it that a crown, a gutter or a widening keeps all along the lane. Chosen on `straight` seen by a
+    camera that looks down by 30 deg; judged on other rigs and the town."""
     patch_half_width_px: int = 6
     patch_half_height_px: int = 3
     pinhole_cells: int = 5
@@ -276,6 +301,7 @@ class LaneConfig:
     """Less of the free lane on the plane: NOT_PLANAR."""
     min_agreement_near: float = 0.815
     min_agreeing_cells: int = 200
+    bend: BendConfig = BendConfig()
 
 
 @dataclass(frozen=True, config=STRICT)

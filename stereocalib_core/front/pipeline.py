@@ -105,6 +105,7 @@ class FrontEnd:
         self._road: Extrinsics | None = None
         self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
         self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
+        self._since_kept_m = 0.0
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
         self._pasts: deque[Extrinsics | None] = deque(
@@ -204,10 +205,20 @@ class FrontEnd:
         return Extrinsics(*(float(x) for x in rig))
 
     def _carry(self, motion: NDArray[np.float64] | None, road: Extrinsics | None) -> None:
-        """The roads of the last pairs seen from this one, with its own; none where the motion into it is not known."""
+        """The roads of the last pairs seen from this one, with its own; none where the motion into it is not known.
+
+        A car that stands sees the same bit of road again and again: its own is kept for every step of the way.
+        """
+        if motion is None:
+            self._carried.clear()
         known = () if motion is None else carried_on(self._carried, motion)
-        self._carried.clear()
+        self._since_kept_m += 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
+        step_m = self.config.region.carried_step * self._standing.height_m
+        if len(known) == self._carried.maxlen and self._since_kept_m < step_m:
+            self._carried.extend(known)
+            return
         self._carried.extend([*known, road])
+        self._since_kept_m = 0.0
 
     @property
     def _standing(self) -> Extrinsics:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from stereocalib_core.config import PipelineConfig
-from stereocalib_core.front.road.estimate import estimate_road
 from stereocalib_core.frames import FrameSource
+from stereocalib_core.front.road.estimate import estimate_road
 from stereocalib_core.results import Drive
 from stereocalib_core.run.drive import run_drive
 from stereocalib_core.sources import open_source
@@ -52,7 +52,11 @@ def run(
 @pytest.mark.parametrize(
     ("change", "reason", "remedy"),
     [
-        (lambda picture: picture[::-1, ::-1], "SWAPPED", "turn both pictures by half a turn; left and right stay"),
+        (
+            lambda picture: picture[::-1, ::-1],
+            "SWAPPED",
+            "turn both pictures by half a turn; left and right stay",
+        ),
         (lambda picture: picture[::-1], "NO_ROAD", "by half a turn and exchange left and right; flip them"),
         (lambda picture: picture[:, ::-1], "SWAPPED", "exchange the two folders"),
     ],

@@ -13,33 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereocalib_core.config import LaneConfig
+from stereocalib_core.config import BendConfig, LaneConfig
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import DisparityMap
-
-_BIN_M = 1.0
-_SHARPEST_PER_M = 1.0 / 120.0
-"""Curvature beyond which the car leaves its straight lane within it, and turns on: no lane is known ahead."""
-_LEVELS, _LEVEL_M = 300, 0.01
-"""Heights over the plane are counted in so many steps about zero."""
-_LEAST_CELLS = 6
-_SPREAD_M = 0.16
-"""Between a fifth and four fifths of the cells of one bin: more is no surface."""
-_ALIKE_M, _ALIKE_SHARE = 0.05, 0.1
-"""Left and right may differ by this, and by this share of their height."""
-_ON_PLANE_M = 0.08
-_STEEPEST = 0.25
-_LONGEST_GAP = 3
-"""Rise per metre that is still a road, and bins between two that are sure."""
-_HIGH_M, _RISING_M, _RISING_BINS = 0.2, 0.1, 2
-"""A rise ends above the first, higher than any kerb, with so many bins above the second."""
-_LOW_M = 0.07
-"""Nothing but a road lies so far below the plane."""
-_KERB_M = 0.09
-"""Higher than a hump in the road, lower than a kerb."""
-_HUMP_M, _HUMP_BINS = 0.025, 2
-"""So many neighbouring bins so far off the plane are a hump or a dip: the matcher's own waves are half as high."""
 
 
 @njit(cache=True, nogil=True)
@@ -56,12 +33,14 @@ def _count(
     near: float,
     half_lane: float,
     curvature: float,
+    bin_m: float,
+    level_m: float,
     counts: NDArray[np.int64],
 ) -> None:
     """Cells by distance, half of the lane and height over the plane, added to `counts` (bins, 2, levels)."""
     rows, columns = values.shape
     bins, levels = counts.shape[0], counts.shape[2]
-    d_far, d_near = fb / (near + bins * _BIN_M), fb / near
+    d_far, d_near = fb / (near + bins * bin_m), fb / near
     for i in range(rows):
         at_row = plane[0] * ((i + 0.5) * step - 0.5 - cy) + plane[2]
         for j in range(columns):
@@ -73,23 +52,31 @@ def _count(
             if abs(x) > half_lane:
                 continue
             over = camera_height * (d - at_row - plane[1] * u) / d
-            level = min(max(int(over / _LEVEL_M + 0.5 * levels), 0), levels - 1)
-            counts[min(int((z - near) / _BIN_M), bins - 1), 1 if x > 0.0 else 0, level] += 1
+            level = min(max(int(over / level_m + 0.5 * levels), 0), levels - 1)
+            counts[min(int((z - near) / bin_m), bins - 1), 1 if x > 0.0 else 0, level] += 1
 
 
 @njit(cache=True, nogil=True)
-def _quantile(counts: NDArray[np.int64], share: float) -> float:
+def _quantile(counts: NDArray[np.int64], share: float, level_m: float) -> float:
     """The height [m] below which `share` of the cells lie; counts: (levels,)."""
     levels, total, seen = len(counts), counts.sum(), 0
     for level in range(levels):
         seen += counts[level]
         if seen > share * total:
-            return (level + 0.5 - 0.5 * levels) * _LEVEL_M
+            return (level + 0.5 - 0.5 * levels) * level_m
     return np.nan
 
 
 @njit(cache=True, nogil=True)
-def _surface(counts: NDArray[np.int64]) -> Array:
+def _surface(
+    counts: NDArray[np.int64],
+    level_m: float,
+    least_cells: int,
+    spread_m: float,
+    alike_m: float,
+    alike_share: float,
+    low_m: float,
+) -> Array:
     """(bins,) height of the surface over the plane [m], NaN where nothing is surely one."""
     bins = len(counts)
     surface = np.full(bins, np.nan)
@@ -98,54 +85,55 @@ def _surface(counts: NDArray[np.int64]) -> Array:
         blocked = False
         for side in range(2):
             cells = counts[k, side]
-            if cells.sum() < _LEAST_CELLS:
+            if cells.sum() < least_cells:
                 continue
-            half[side] = _quantile(cells, 0.5)
-            if half[side] > -_LOW_M and _quantile(cells, 0.8) - _quantile(cells, 0.2) > _SPREAD_M:
+            half[side] = _quantile(cells, 0.5, level_m)
+            spread = _quantile(cells, 0.8, level_m) - _quantile(cells, 0.2, level_m)
+            if half[side] > -low_m and spread > spread_m:
                 blocked = True
         if blocked:
             continue
         if np.isfinite(half[0]) and np.isfinite(half[1]):
             mean = 0.5 * (half[0] + half[1])
-            alike = abs(half[0] - half[1]) <= _ALIKE_M + _ALIKE_SHARE * abs(mean)
-            if alike or max(half[0], half[1]) < -_ALIKE_M:
+            alike = abs(half[0] - half[1]) <= alike_m + alike_share * abs(mean)
+            if alike or max(half[0], half[1]) < -alike_m:
                 surface[k] = mean
-        elif half[0] < -_LOW_M:
+        elif half[0] < -low_m:
             surface[k] = half[0]
-        elif half[1] < -_LOW_M:
+        elif half[1] < -low_m:
             surface[k] = half[1]
     return surface
 
 
-def _walk(surface: Array) -> list[int]:
+def _walk(surface: Array, config: BendConfig) -> list[int]:
     """The bins of one unbroken surface that begins on the plane."""
     path: list[int] = []
     for k in np.flatnonzero(np.isfinite(surface)):
         if not path:
-            if abs(surface[k]) < _ON_PLANE_M:
+            if abs(surface[k]) < config.on_plane_m:
                 path.append(int(k))
-        elif k - path[-1] > _LONGEST_GAP:
+        elif k - path[-1] > config.longest_gap:
             break
-        elif abs(surface[k] - surface[path[-1]]) <= _STEEPEST * _BIN_M * (k - path[-1]):
+        elif abs(surface[k] - surface[path[-1]]) <= config.steepest * config.bin_m * (k - path[-1]):
             path.append(int(k))
     return path
 
 
-def _below_kerb(path: list[int], surface: Array) -> list[int]:
+def _below_kerb(path: list[int], surface: Array, config: BendConfig) -> list[int]:
     """The path as far as it is no higher than a hump: what is higher and yet no ramp is a pavement."""
-    ends = [n for n, k in enumerate(path) if surface[k] > _KERB_M]
+    ends = [n for n, k in enumerate(path) if surface[k] > config.kerb_m]
     return path[: ends[0]] if ends else path
 
 
-def _uneven(path: list[int], surface: Array) -> bool:
+def _uneven(path: list[int], surface: Array, config: BendConfig) -> bool:
     """Whether the path has a hump or a dip, which the plane leaves out and the lane as a whole does not."""
     if not path:
         return False
     off = np.zeros(len(surface))
     off[path] = surface[path] - np.median(surface[path])
     for sign in (1.0, -1.0):
-        high = sign * off >= _HUMP_M
-        if any(high[k : k + _HUMP_BINS].all() for k in range(len(high) - _HUMP_BINS + 1)):
+        high = sign * off >= config.hump_m
+        if any(high[k : k + config.hump_bins].all() for k in range(len(high) - config.hump_bins + 1)):
             return True
     return False
 
@@ -164,31 +152,35 @@ def bend_ahead(
     taken to go on as it was. curvature_per_m: of the car's way, positive to the right; in a sharp turn what lies
     ahead is not where the car goes.
     """
-    if abs(curvature_per_m) > _SHARPEST_PER_M:
+    bend = config.bend
+    if abs(curvature_per_m) > bend.sharpest_per_m:
         return 0.0, 0.0
     plane = extrinsics.disparity_plane(camera)
-    bins = round((config.far_m - config.near_m) / _BIN_M)
-    counts = np.zeros((bins, 2, _LEVELS), np.int64)
+    bins = round((config.far_m - config.near_m) / bend.bin_m)
+    counts = np.zeros((bins, 2, bend.levels), np.int64)
     _count(
         disparity.values, free, disparity.step_px, camera.focal_px * camera.baseline_m, camera.cx_px, camera.cy_px,
         camera.baseline_m, np.array([plane.a, plane.b, plane.c_px]), extrinsics.height_m, config.near_m,
-        config.half_width_m, curvature_per_m, counts,
+        config.half_width_m, curvature_per_m, bend.bin_m, bend.level_m, counts,
     )  # fmt: skip
-    surface = _surface(counts)
-    path = _walk(surface)
+    surface = _surface(
+        counts, bend.level_m, bend.least_cells, bend.spread_m, bend.alike_m, bend.alike_share, bend.low_m
+    )
+    path = _walk(surface, bend)
     height = surface[path]
-    up = len(path) > 2 and height.max() > _HIGH_M and np.count_nonzero(height > _RISING_M) >= _RISING_BINS
-    down = len(path) > 2 and height.min() < -_LOW_M
+    rising = np.count_nonzero(height > bend.rising_m) >= bend.rising_bins
+    up = len(path) > 2 and height.max() > bend.high_m and rising
+    down = len(path) > 2 and height.min() < -bend.low_m
     at = np.arange(bins)
     if up or down:
         whole = np.interp(at, path, height, left=0.0)
         last, before = path[-1], path[-2]
         slope = (surface[last] - surface[before]) / (last - before)
         whole[last:] = surface[last] + slope * (at[last:] - last)
-    elif _uneven(path := _below_kerb(path, surface), surface):
+    elif _uneven(path := _below_kerb(path, surface, bend), surface, bend):
         whole = np.interp(at, path, surface[path], left=0.0, right=0.0)
     else:
         return 0.0, 0.0
-    z = config.near_m + (at + 0.5) * _BIN_M
+    z = config.near_m + (at + 0.5) * bend.bin_m
     rise, offset = np.polyfit(z, whole, 1)
     return -float(offset), float(np.arctan(rise))

@@ -9,7 +9,6 @@ Everything is in disparity space, where a plane is Delta = A (v - v0) + B (u - u
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +16,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereocalib_core.config import LimitsConfig, RegionConfig, SightConfig
+from stereocalib_core.front.road.carried import Past, likeness, nearest_of
 from stereocalib_core.front.sight import noise_px
-from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
+from stereocalib_core.geometry import DisparityPlane, StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.results import DisparityMap
 
@@ -279,51 +279,35 @@ def _allowed(rig: Array, limits: LimitsConfig) -> NDArray[np.bool_]:
     )
 
 
-def likeness(rig: Array, pasts: Sequence[Extrinsics], config: RegionConfig) -> Array:
-    """(K,) how likely rigs (K, 3) are after `pasts`, by the kinder: 1 = the same, at least `least_likeness`.
-
-    Rigs get knocked. Nothing in the past: all are as likely.
-    """
-    if not pasts:
-        return np.ones(len(rig))
-    likely = np.full(len(rig), config.least_likeness)
-    for past in pasts:
-        off = (rig - [past.height_m, past.pitch_rad, past.roll_rad]) / [
-            config.past_height * past.height_m, config.past_pitch_rad, config.past_roll_rad,
-        ]  # fmt: skip
-        likely = np.maximum(likely, np.exp(-0.5 * np.sum(off**2, axis=1)))
-    return likely
-
-
 def best_plane(
     cells: Cells,
     camera: StereoCamera,
     step_px: int,
-    pasts: Sequence[Extrinsics],
+    past: Past,
     limits: LimitsConfig,
     sight: SightConfig,
     config: RegionConfig,
 ) -> DisparityPlane | None:
     """The candidate with the highest score; None where nothing in front of the camera is a plane within `limits`.
 
-    pasts: roads of a moment ago, any of which this one may be.
+    past: the road of a moment ago, which this one may well be.
     """
     if len(cells.u) < 3:
         return None
     drawn = cells.weight / (1.0 + (cells.z_m / np.quantile(cells.z_m, config.draw_within)) ** 4)
     drawn = np.minimum(drawn, np.quantile(drawn, 0.98))
-    count = config.candidates_with_past if pasts else config.candidates
+    count = config.candidates_with_past if past.known else config.candidates
     planes = _draw(cells.u, cells.v, cells.d, np.cumsum(drawn), count)
-    known = [past.disparity_plane(camera) for past in pasts]
+    known = [road.disparity_plane(camera) for road in past.known]
     planes = np.vstack([*([[p.a, p.b, p.c_px]] for p in known), planes])
-    planes, scores = _weighed(planes, cells, camera, step_px, pasts, limits, sight, config)
+    planes, scores = _weighed(planes, cells, camera, step_px, past, limits, sight, config)
     if not len(planes):
         return None
     # Three cells are a rough plane. The best ones are moved to where most lies on them before they are compared.
     first = np.argsort(-scores, kind="stable")[: config.refined]
     refined = refine(cells, np.ascontiguousarray(planes[first]), camera, step_px, sight, config)
     planes, scores = _weighed(
-        np.vstack([planes[first], refined]), cells, camera, step_px, pasts, limits, sight, config
+        np.vstack([planes[first], refined]), cells, camera, step_px, past, limits, sight, config
     )
     best = int(np.argmax(scores))
     if not scores[best] > 0:
@@ -336,7 +320,7 @@ def _weighed(
     cells: Cells,
     camera: StereoCamera,
     step_px: int,
-    pasts: Sequence[Extrinsics],
+    past: Past,
     limits: LimitsConfig,
     sight: SightConfig,
     config: RegionConfig,
@@ -347,4 +331,5 @@ def _weighed(
     inside = _allowed(rig, limits)
     planes, rig = np.ascontiguousarray(planes[inside]), rig[inside]
     scores = weigh(cells, planes, camera, step_px, sight, config)
-    return planes, np.where(scores > 0, scores * likeness(rig, pasts, config), scores)
+    likely = likeness(rig, past, nearest_of(past.carried, camera), config)
+    return planes, np.where(scores > 0, scores * likely, scores)

@@ -15,6 +15,8 @@ from stereocalib_core.front.horizon import first_row, match_by_the_horizon
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.front.road.carried import NOTHING, Past
+from stereocalib_core.front.road.doubt import along_car, beside_the_step, in_doubt, leans, stepped
 from stereocalib_core.front.road.notes import Notes
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
@@ -90,9 +92,9 @@ class Hint:
     heading_slope: float = 0.0
 
     @property
-    def pasts(self) -> tuple[Extrinsics, ...]:
-        """Those that are known."""
-        return tuple(e for e in (self.past, self.carried) if e is not None)
+    def before(self) -> Past:
+        """The road of a moment ago, both ways."""
+        return Past(self.past, self.carried)
 
 
 def _with_region(
@@ -102,7 +104,7 @@ def _with_region(
     disparity = road.disparity
     cells = candidates.gather(disparity, camera, hint.way, config.sight, config.region)
     plane = candidates.best_plane(
-        cells, camera, disparity.step_px, hint.pasts, config.limits, config.sight, config.region
+        cells, camera, disparity.step_px, hint.before, config.limits, config.sight, config.region
     )
     notes.lap("region")
     height_m = config.free_map.road_height_m if plane is None else plane.extrinsics(camera).height_m
@@ -118,9 +120,19 @@ def _with_region(
     notes.lap("free_map")
     if plane is None:
         return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, NOTHING_AHEAD))
-    region = grow(
-        disparity, free, camera, plane, (Way(hint.heading_slope), hint.way), config.sight, config.region
-    )
+    strips = Way(hint.heading_slope), hint.way
+    region = grow(disparity, free, camera, plane, strips, config.sight, config.region)
+    carried = hint.carried
+    if region is not None and carried is not None:
+        kerb = stepped(region, carried, camera, config.region)
+        if kerb or leans(region, carried, camera, config.region):
+            start = carried.disparity_plane(camera)
+            again = grow(disparity, free, camera, start, strips, config.sight, config.region)
+            beside = beside_the_step(again, carried, camera, config.region)
+            if beside is None and kerb:
+                pavement = "what lies ahead is a step off the road that the car came along: a pavement"
+                return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, pavement))
+            region = beside or region
     notes.lap("region")
     if region is None:
         few = f"no {config.region.min_cells} connected cells of road"
@@ -166,7 +178,7 @@ def _nearest(disparity: DisparityMap, camera: StereoCamera, config: PipelineConf
     """Largest disparity [px] of the road that a map shows by itself; None: it shows none."""
     cells = candidates.gather(disparity, camera, Way(), config.sight, config.region)
     plane = candidates.best_plane(
-        cells, camera, disparity.step_px, (), config.limits, config.sight, config.region
+        cells, camera, disparity.step_px, NOTHING, config.limits, config.sight, config.region
     )
     return None if plane is None else road_disparity(camera, plane.extrinsics(camera))
 
@@ -240,7 +252,9 @@ def finish_road(
     if region is None:
         return _no_road(notes, road, config)
     _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
-    least = config.region.least_share_ahead
+    carried = None if hint is None else hint.carried
+    sure = carried is not None and not stepped(region, carried, camera, config.region)
+    least = config.region.least_share_carried if sure else config.region.least_share_ahead
     enough = notes.check("region", "share of the way ahead", region.share, low=least)
     notes.check("region", "on the plane", region.planar)
     if not enough:
@@ -255,7 +269,7 @@ def finish_road(
     if config.method == "direct":
         direct = fit_direct(left, right, camera, region, disparity.step_px, _scaled(config.direct, region))
         notes.lap("direct")
-        found = _by_alignment(notes, direct, region, hint or Hint(), config.direct)
+        found = _by_alignment(notes, direct, region, hint or Hint(), config)
     else:
         found = _by_profile(paper)
     road = dataclasses.replace(road, road=region.cells, free_fraction=share, paper=paper, direct=direct)
@@ -283,7 +297,7 @@ def _no_road(notes: Notes, road: RoadResult, config: PipelineConfig) -> RoadResu
 
 NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
 Found = tuple[Extrinsics, NDArray[np.float64], int, float, tuple[float, float]]
-"""Extrinsics, their (3, 3) covariance, what agrees with them, 1 sigma of the crossfall beside [rad], and `_along`."""
+"""Extrinsics, their (3, 3) covariance, what agrees, 1 sigma of the crossfall beside [rad], and `along_car`."""
 
 
 def _by_profile(fit: PaperFit | None) -> Found | Failure:
@@ -293,9 +307,10 @@ def _by_profile(fit: PaperFit | None) -> Found | Failure:
 
 
 def _by_alignment(
-    notes: Notes, direct: DirectFit | None, region: Region, hint: Hint, config: DirectConfig
+    notes: Notes, direct: DirectFit | None, region: Region, hint: Hint, settings: PipelineConfig
 ) -> Found | Failure:
     """The direct alignment over the region, with what a road must fulfil."""
+    config = settings.direct
     if direct is None:
         return Failure(FailureReason.FLAT_TEXTURE, "too few patches of the road have texture")
     if not notes.check("direct", "patches on the plane", direct.agreement, low=config.min_agreement):
@@ -313,33 +328,15 @@ def _by_alignment(
     other = config.other_side_rad * (1.0 - region.planar) ** 3
     turning = config.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
     inliers = int(np.count_nonzero(direct.patches.weight))
-    doubt = 0.0 if hint.pasts else _doubt(region.planar, config)
     crossfall = float(np.hypot(other, turning))
     way = region.strip if region.strip.curvature_per_m != 0.0 else hint.way
-    along = _along(crossfall, way, region.range_m)
-    if doubt > 0.0:
-        crossfall = float(np.hypot(crossfall, doubt * config.alone_roll_rad))
-        pitch = float(np.hypot(along[1], doubt * config.alone_pitch_rad))
+    along = along_car(crossfall, way, region.range_m)
+    pitch, roll = in_doubt(direct.extrinsics, region, hint.before, settings)
+    if pitch > 0.0 or roll > 0.0:
+        crossfall = float(np.hypot(crossfall, roll))
+        pitch = float(np.hypot(along[1], pitch))
         along = (0.25 * sum(region.range_m) * pitch, pitch)
     return direct.extrinsics, direct.covariance, inliers, crossfall, along
-
-
-def _doubt(planar: float, config: DirectConfig) -> float:
-    """0...1, how much a pair with nothing before it can't tell its road from what lies beside it."""
-    none, full = config.alone_planar
-    return float(np.clip((none - planar) / (none - full), 0.0, 1.0))
-
-
-def _along(crossfall_rad: float, way: Way, range_m: tuple[float, float]) -> tuple[float, float]:
-    """1 sigma of height [m] and pitch [rad]: what a crossfall ahead is along the car, where it turns to it or from it.
-
-    The slope grows from none at the car's own road: half of it on the average, and the surface, which bends, is at
-    the car about half of the way nearer to the plane than the plane's own slope has it.
-    """
-    middle = 0.5 * (range_m[0] + range_m[1])
-    turned = min(abs(way.slope + way.curvature_per_m * middle), 0.5 * np.pi)
-    pitch = 0.5 * crossfall_rad * float(np.sin(turned))
-    return 0.5 * middle * pitch, pitch
 
 
 def _scaled(config: DirectConfig, region: Region) -> DirectConfig:

@@ -162,7 +162,7 @@ def fit_direct(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
         unseen_share(x_m[seen], z[seen], config), config,
-    ) + beside_covariance(fit, x_m[seen], (off_lane * px_per_m)[seen])  # fmt: skip
+    ) + beside_covariance(fit, x_m[seen], config.uneven_beside_all_along * (beside_m * px_per_m)[seen])  # fmt: skip
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
     return DirectFit(
         extrinsics,

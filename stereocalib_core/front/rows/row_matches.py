@@ -9,19 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config import RowMatchesConfig
 from stereocalib_core.numeric.arrays import Array
 
 Bytes = NDArray[np.uint8]
-
-_CORNERS = 130
-"""Cells that the picture is cut into; the strongest corner of each spreads them over all of it."""
-_REACH = 4
-"""Half-resolution radius of the coarse patch (8 x 8)."""
-_RADIUS = 6
-"""Full-resolution radius of the fine patch (13 x 13)."""
-_STEPS = 8
-_CLEAR, _ALIGNED = 0.85, 0.92
-"""Least correlation of a coarse and of an aligned match."""
 
 
 @dataclass(frozen=True)
@@ -82,17 +73,24 @@ def _correlation(left: Bytes, right: Bytes, ul: int, vl: int, ur: int, vr: int, 
 
 @njit(cache=True, nogil=True)
 def _search(
-    left: Bytes, right: Bytes, corners: NDArray[np.int32], low: int, high: int, rows: int, every: int
+    left: Bytes,
+    right: Bytes,
+    corners: NDArray[np.int32],
+    reach: int,
+    low: int,
+    high: int,
+    rows: int,
+    every: int,
 ) -> Array:
     """(N, 4) disparity, row offset, best correlation and the best one elsewhere, half-resolution pixels.
 
     Only every `every`-th corner is searched beyond infinity, where nothing but a swapped pair matches.
     """
-    side = 2 * _REACH
+    side = 2 * reach
     result = np.empty((len(corners), 4), np.float64)
     scores = np.empty(high - low + 1, np.float64)
     for k in range(len(corners)):
-        u, v = corners[k, 0] - _REACH, corners[k, 1] - _REACH
+        u, v = corners[k, 0] - reach, corners[k, 1] - reach
         best, best_d, best_row = -1.0, 0, 0
         start = low if k % every == 0 else max(low, -2)
         for d in range(low, high + 1):
@@ -227,7 +225,13 @@ def _smooth(image: Bytes) -> Bytes:
 
 
 def row_matches(
-    left: Bytes, right: Bytes, farthest_px: float, nearest_px: float, rows_px: int = 0, thorough: bool = False
+    left: Bytes,
+    right: Bytes,
+    farthest_px: float,
+    nearest_px: float,
+    rows_px: int = 0,
+    thorough: bool = False,
+    config: RowMatchesConfig | None = None,
 ) -> RowMatches:
     """Match corners of the left picture in the right one, rows free.
 
@@ -235,20 +239,22 @@ def row_matches(
     rows_px: rows searched up and down [px]; what is found is then aligned to a fraction of a pixel, so that
     0 still bears rows that are three pixels apart. thorough: all corners beyond infinity, else a third.
     """
+    config = config or RowMatchesConfig()
+    reach = config.coarse_half_px
     half_left, half_right = _half(left), _half(right)
     strength = np.asarray(cv2.cornerMinEigenVal(half_left, 3), dtype=np.float32)
-    cell = max(int(np.sqrt(strength.size / _CORNERS)), 8)
-    corners = _corners(strength, cell, _REACH + 2, 1e-4)
+    cell = max(int(np.sqrt(strength.size / config.cells)), 8)
+    corners = _corners(strength, cell, reach + 2, 1e-4)
     low, high = int(np.floor(farthest_px / 2)), int(np.ceil(nearest_px / 2))
-    found = _search(half_left, half_right, corners, low, high, rows_px // 2, 1 if thorough else 3)
-    clear = (found[:, 2] > _CLEAR) & (found[:, 3] < found[:, 2] - 0.04)
+    found = _search(half_left, half_right, corners, reach, low, high, rows_px // 2, 1 if thorough else 3)
+    clear = (found[:, 2] > config.clear) & (found[:, 3] < found[:, 2] - config.clear_of_others)
     disparity, row = 2.0 * found[clear, 0], 2.0 * found[clear, 1]
     starts = np.empty((int(clear.sum()), 4))
     starts[:, :2] = 2.0 * corners[clear]
     starts[:, 2] = starts[:, 0] - disparity
     starts[:, 3] = starts[:, 1] + row
     # Linear interpolation reads sharp pictures a few hundredths of a pixel towards the pixel grid.
-    aligned = _align(_smooth(left), _smooth(right), starts, _RADIUS, _STEPS)
-    good = aligned[:, 2] > _ALIGNED
+    aligned = _align(_smooth(left), _smooth(right), starts, config.fine_radius_px, config.steps)
+    good = aligned[:, 2] > config.aligned
     points = np.concatenate([starts[good, :2], aligned[good, :2]], axis=1)
     return RowMatches(points, len(corners), disparity)

@@ -134,15 +134,15 @@ def examine(
     config = config or RectificationConfig()
     offset = camera.disparity_offset_px
     near, far = offset + config.search_px, offset - 0.4 * config.search_px
-    matches = row_matches(left, right, far, near)
+    matches = row_matches(left, right, far, near, config=config.matches)
     behind, ahead = _behind_and_ahead(camera, matches, config)
     few = len(matches.coarse_px) < config.clear_fraction * matches.corners
     if matches.corners >= config.min_matches and (few or 3 * behind > ahead):
         # Swapped pictures and rows far apart both look like no match: look harder (slow, so only then).
-        matches = row_matches(left, right, far, near, thorough=True)
+        matches = row_matches(left, right, far, near, thorough=True, config=config.matches)
         behind, ahead = _behind_and_ahead(camera, matches, config)
         if few and behind <= ahead:
-            wide = row_matches(left, right, far, near, rows_px=config.search_rows_px)
+            wide = row_matches(left, right, far, near, rows_px=config.search_rows_px, config=config.matches)
             if len(wide.points) > 1.5 * len(matches.points):
                 matches = wide
                 behind, ahead = _behind_and_ahead(camera, matches, config)

@@ -11,8 +11,9 @@ from stereocalib_core.config import PipelineConfig, RegionConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.car_way import carried_on
 from stereocalib_core.front.pipeline import FrontEnd
-from stereocalib_core.front.road.candidates import Way, likeness
-from stereocalib_core.front.road.estimate import _along
+from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.front.road.carried import Past, likeness
+from stereocalib_core.front.road.doubt import along_car
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import RoadEstimate
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
@@ -37,20 +38,32 @@ def test_driving_up_a_slope_ahead_brings_it_nearer() -> None:
     assert seen.pitch_rad == pytest.approx(-0.1)
 
 
-def test_the_kinder_past_counts() -> None:
+def test_the_kinder_past_counts_and_the_carried_road_more() -> None:
     config = RegionConfig()
     rig, road = Extrinsics(1.65, 0.0, 0.0), Extrinsics(1.65, 0.0, 0.06)
     asked = np.array([[1.65, 0.0, 0.0], [1.65, 0.0, 0.06], [1.65, 0.0, -0.06]])
-    assert likeness(asked, (rig, road), config)[:2] == pytest.approx([1.0, 1.0])
-    assert likeness(asked, (rig, road), config)[2] == pytest.approx(
-        max(np.exp(-0.5 * (0.06 / config.past_roll_rad) ** 2), config.least_likeness)
+    both = likeness(asked, Past(rig, road), 6.0, config)
+    assert both[:2] == pytest.approx([config.past_less, 1.0])
+    assert both[2] == pytest.approx(
+        max(config.past_less * np.exp(-0.5 * (0.06 / config.past_roll_rad) ** 2), config.least_likeness)
     )
-    assert likeness(asked, (), config) == pytest.approx([1.0, 1.0, 1.0])
+    assert likeness(asked, Past(rig), 6.0, config)[0] == pytest.approx(1.0)
+    assert likeness(asked, Past(), 6.0, config) == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_a_kerb_is_no_tilt_of_the_carried_road() -> None:
+    """0.1 m higher all along is a pavement; as much nearer by, tilted about the nearest road, is a car that dives."""
+    road = Extrinsics(1.65, 0.0, 0.0)
+    about_m = RegionConfig().near_length * 8.0
+    asked = np.array([[1.55, 0.0, 0.0], [1.55, -0.1 / about_m, 0.0]])
+    pavement, dive = likeness(asked, Past(None, road), 8.0, RegionConfig())
+    assert pavement == pytest.approx(RegionConfig().least_likeness)
+    assert dive > 0.4
 
 
 def test_a_crossfall_is_one_along_the_car_where_it_turns() -> None:
-    assert _along(0.0144, Way(), (5.0, 15.0)) == pytest.approx((0.0, 0.0))
-    height, pitch = _along(0.0144, Way(0.0, 0.5), (5.0, 15.0))  # ahead, the way leads aside
+    assert along_car(0.0144, Way(), (5.0, 15.0)) == pytest.approx((0.0, 0.0))
+    height, pitch = along_car(0.0144, Way(0.0, 0.5), (5.0, 15.0))  # ahead, the way leads aside
     assert pitch == pytest.approx(0.0072)
     assert height == pytest.approx(0.5 * 10.0 * 0.0072)
     estimate = RoadEstimate(

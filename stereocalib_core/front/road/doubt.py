@@ -1,0 +1,69 @@
+"""Is it the road? A region held against the road carried along, and what is left of doubt as uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereocalib_core.config import PipelineConfig, RegionConfig
+from stereocalib_core.front.road.candidates import Way
+from stereocalib_core.front.road.carried import Past, step_of
+from stereocalib_core.front.road.region import Region
+from stereocalib_core.geometry import Extrinsics, StereoCamera
+
+
+def stepped(region: Region, carried: Extrinsics, camera: StereoCamera, config: RegionConfig) -> bool:
+    """Whether a kerb lies between a region and the road carried along: both alike, but one higher."""
+    found = region.plane.extrinsics(camera)
+    beyond = abs(step_of(found, carried, camera, config)) > config.kerb
+    return beyond and bool(np.abs(leaning(found, carried, config)).max() < 1.0)
+
+
+def leans(region: Region, carried: Extrinsics, camera: StereoCamera, config: RegionConfig) -> bool:
+    """Whether a region that is small leans from the road carried along, as one that reaches over a kerb does."""
+    off = leaning(region.plane.extrinsics(camera), carried, config)
+    return region.share < config.leans_below and bool(np.abs(off).max() > 2.0)
+
+
+def leaning(found: Extrinsics, carried: Extrinsics, config: RegionConfig) -> NDArray[np.float64]:
+    """(2,) how a road leans from the one carried along, in pitch and roll [sigma]."""
+    off = np.array([found.pitch_rad - carried.pitch_rad, found.roll_rad - carried.roll_rad])
+    return off / [config.carried_pitch_rad, config.carried_roll_rad]
+
+
+def beside_the_step(
+    region: Region | None, carried: Extrinsics, camera: StereoCamera, config: RegionConfig
+) -> Region | None:
+    """The region about the road carried along; None where that too is beyond a kerb, or hardly seen."""
+    if region is None or region.share < config.least_share_carried:
+        return None
+    return None if stepped(region, carried, camera, config) else region
+
+
+def in_doubt(found: Extrinsics, region: Region, past: Past, settings: PipelineConfig) -> tuple[float, float]:
+    """1 sigma of pitch and roll [rad] of not being the road at all.
+
+    Of a pair with nothing before it, by how little of the lane is on the plane; else of a small region, by how much
+    it disagrees with the road carried along.
+    """
+    direct, config = settings.direct, settings.region
+    if not past.known:
+        none, full = direct.alone_planar
+        doubt = float(np.clip((none - region.planar) / (none - full), 0.0, 1.0))
+        return doubt * direct.alone_pitch_rad, doubt * direct.alone_roll_rad
+    if past.carried is None or region.share >= config.leans_below:
+        return 0.0, 0.0
+    beyond = np.maximum(np.abs(leaning(found, past.carried, config)) - 1.0, 0.0)
+    return float(beyond[0] * config.carried_pitch_rad), float(beyond[1] * config.carried_roll_rad)
+
+
+def along_car(crossfall_rad: float, way: Way, range_m: tuple[float, float]) -> tuple[float, float]:
+    """1 sigma of height [m] and pitch [rad]: what a crossfall ahead is along the car, where it turns to it or from it.
+
+    The slope grows from none at the car's own road: half of it on the average, and the surface, which bends, is at
+    the car about half of the way nearer to the plane than the plane's own slope has it.
+    """
+    middle = 0.5 * (range_m[0] + range_m[1])
+    turned = min(abs(way.slope + way.curvature_per_m * middle), 0.5 * np.pi)
+    pitch = 0.5 * crossfall_rad * float(np.sin(turned))
+    return 0.5 * middle * pitch, pitch
