@@ -98,3 +98,22 @@ def test_a_pavement_beside_a_car_that_hides_the_road_is_none(data_dir: Path) -> 
     result = FrontEnd(source.camera, PipelineConfig()).step(source[657])
     assert result.failure is not None and result.failure.reason == FailureReason.NO_ROAD
     assert "of the way ahead, needs 8%" in result.failure.detail
+
+
+def test_a_car_that_stands_at_a_junction_is_not_sure_of_the_pavement_beyond(data_dir: Path) -> None:
+    """Two metres of road are left before a pavement as high as the road behind, which was taken for it."""
+    path = data_dir / "kitti_odometry" / "poses" / "07.txt"
+    source = SyntheticSource.from_spec(f"synthetic:?path={path}")
+    truth = source.ground_truth.extrinsics
+    assert truth is not None
+    front_end = FrontEnd(source.camera, PipelineConfig())
+    seen = 0
+    for i in range(630, 660):
+        road = front_end.step(source[i]).road
+        if road is not None and i >= 646:
+            e = road.extrinsics
+            error = np.abs([e.height_m, e.pitch_rad, e.roll_rad] - truth[i, :3])
+            assert error[0] < 0.07
+            assert np.all(error < 4.0 * road.sigma)
+            seen += 1
+    assert seen >= 12
