@@ -209,16 +209,14 @@ class FrontEnd:
 
         A car that stands sees the same bit of road again and again: its own is kept for every step of the way.
         """
-        if motion is None:
-            self._carried.clear()
-        known = () if motion is None else carried_on(self._carried, motion)
+        known = [] if motion is None else carried_on(self._carried, motion)
         self._since_kept_m += 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
         step_m = self.config.region.carried_step * self._standing.height_m
-        if len(known) == self._carried.maxlen and self._since_kept_m < step_m:
-            self._carried.extend(known)
-            return
-        self._carried.extend([*known, road])
-        self._since_kept_m = 0.0
+        if len(known) < self.config.region.carried_frames or self._since_kept_m >= step_m:
+            known.append(road)
+            self._since_kept_m = 0.0
+        self._carried.clear()
+        self._carried.extend(known)
 
     @property
     def _standing(self) -> Extrinsics:
