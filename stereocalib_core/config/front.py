@@ -217,7 +217,7 @@ class DirectConfig:
     """Less of the strip about the car's way in the road's region: the wide fit."""
     uneven_beside: float = 0.008
     """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
-    uneven_beside_all_along: float = 0.004
+    uneven_beside_all_along: float = 0.003
     """The part of it that a crown, a gutter or a widening keeps all along the lane. Chosen on `straight` seen by a
     camera that looks down by 30 deg; judged on other rigs and the town."""
     patch_half_width_px: int = 6
