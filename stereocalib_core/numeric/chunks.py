@@ -11,7 +11,7 @@ from stereocalib_core.numeric.threads import cores, shared_pool
 CHUNKS_PER_CORE = 4
 """Enough to even out slow stretches of a drive."""
 
-MOST_AT_ONCE = 500
+MOST_AT_ONCE = 200
 """Pairs of a chunk, where arrays lie on the disk and only what is worked on is to be in memory."""
 
 _WORTHWHILE = 64

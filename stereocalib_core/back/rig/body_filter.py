@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -62,6 +63,32 @@ class FilterStep:
     x_before: Array
     P_before: Array
     joined: bool
+
+    def packed(self) -> Array:
+        """(PACKED,) what a look back needs; `unpacked` gives it again."""
+        matrices = self.P, self.F, self.P_prior, self.P_before
+        return np.concatenate([*(m.ravel() for m in matrices), self.x, self.x_prior, self.x_before])
+
+
+PACKED = 4 * _N * _N + 3 * _N
+
+
+class Unpacked(NamedTuple):
+    """Of a `FilterStep`."""
+
+    P: Array
+    F: Array
+    P_prior: Array
+    P_before: Array
+    x: Array
+    x_prior: Array
+    x_before: Array
+
+
+def unpacked(row: Array) -> Unpacked:
+    """What `FilterStep.packed` put together, as views."""
+    states = row[4 * _N * _N :].reshape(3, _N)
+    return Unpacked(*row[: 4 * _N * _N].reshape(4, _N, _N), *states)
 
 
 def oscillator(frequency_hz: float, damping: float, dt_s: float) -> tuple[Array, Array]:

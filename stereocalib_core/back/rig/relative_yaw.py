@@ -31,7 +31,7 @@ from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import MOST_AT_ONCE, in_chunks
 from stereocalib_core.numeric.robust import mad_sigma
-from stereocalib_core.numeric.spill import let_go, put_away, roomy
+from stereocalib_core.numeric.spill import let_go, roomy
 from stereocalib_core.results import FrameResult, Measured
 
 CHI2_MEDIAN = 2.366
@@ -142,22 +142,27 @@ class _Reduced:
     unreduced: float
 
 
-def _reduce(normal: Array, right: Array) -> _Reduced | None:
-    """Schur complement of (K, 9, 9) and (K, 9); None where a motion is not determined."""
-    H = normal[:, :MOTION, :MOTION].copy()
-    H[:, range(MOTION), range(MOTION)] *= 1.0 + 1e-9
-    cross = normal[:, :MOTION, MOTION:]
-    try:
-        solved = np.linalg.solve(H, np.dstack([cross, right[:, :MOTION, None]]))
-    except np.linalg.LinAlgError:
-        return None
-    curvature = normal[:, MOTION:, MOTION:] - np.einsum("nmp,nmq->npq", cross, solved[:, :, :TURN])
-    score = right[:, MOTION] - np.einsum("nm,nm->n", cross[:, :, 0], solved[:, :, TURN])
+def _reduce(normal: Array, right: Array, used: NDArray[np.int64]) -> _Reduced | None:
+    """Schur complement of the `used` (K,) of (N, 9, 9) and (N, 9); None where a motion is not determined."""
+    curvature, score = np.empty((len(used), TURN, TURN)), np.empty(len(used))
+    steps = np.empty((len(used), MOTION, 2))
+    for first in range(0, len(used), MOST_AT_ONCE):
+        part = slice(first, first + MOST_AT_ONCE)
+        A, b = normal[used[part]], right[used[part]]
+        H, cross = A[:, :MOTION, :MOTION].copy(), A[:, :MOTION, MOTION:]
+        H[:, range(MOTION), range(MOTION)] *= 1.0 + 1e-9
+        try:
+            solved = np.linalg.solve(H, np.dstack([cross, b[:, :MOTION, None]]))
+        except np.linalg.LinAlgError:
+            return None
+        curvature[part] = A[:, MOTION:, MOTION:] - np.einsum("nmp,nmq->npq", cross, solved[:, :, :TURN])
+        score[part] = b[:, MOTION] - np.einsum("nm,nm->n", cross[:, :, 0], solved[:, :, TURN])
+        steps[part] = np.dstack([solved[:, :, TURN], solved[:, :, 0]])
+        let_go(normal)
     total = curvature[:, 0, 0].sum()
     if not (np.isfinite(total) and total > 0.0):
         return None
-    steps = np.dstack([solved[:, :, TURN], solved[:, :, 0]])
-    return _Reduced(curvature, score, steps, float(normal[:, MOTION, MOTION].sum()))
+    return _Reduced(curvature, score, steps, float(normal[used, MOTION, MOTION].sum()))
 
 
 def solve_yaw(
@@ -192,7 +197,7 @@ def solve_yaw(
             pair_equations, count,
             tracks.rays, tracks.start, active, now, turn, noise, config.tuning, normal, right, misfit,
         )  # fmt: skip
-        reduced = _reduce(normal[used], right[used])
+        reduced = _reduce(normal, right, used)
         if reduced is None:
             return None
         total = reduced.curvature[:, 0, 0].sum()
@@ -215,19 +220,31 @@ def solve_yaw(
     )  # fmt: skip
 
 
-_STRETCH = 1 << 18
+_STRETCH = 1 << 16
 """Points that are looked at together, so that a long drive needs no more memory than a short one."""
 
 
 def _median(values: Array, of: NDArray[np.bool_]) -> float:
-    """Of the values where `of` holds; of what lies on the disk, a stretch at a time."""
-    kept, n = roomy(int(np.count_nonzero(of))), 0
+    """Of the values >= 0 where `of` holds; of what lies on the disk, a stretch at a time.
+
+    First how many share their leading bits, which sort like the numbers; then only those in the middle are sorted.
+    """
+    counts = np.zeros(1 << 16, dtype=np.int64)
+    for part in _stretches(len(values)):
+        counts += np.bincount(values[part][of[part]].view(np.int64) >> 48, minlength=len(counts))
+        let_go(values)
+    below = np.cumsum(counts)
+    middle = (below[-1] - 1) // 2, below[-1] // 2
+    first, last = np.searchsorted(below, middle, side="right")
+    kept = []
     for part in _stretches(len(values)):
         some = values[part][of[part]]
-        kept[n : n + len(some)] = some
-        n += len(some)
+        bits = some.view(np.int64) >> 48
+        kept.append(some[(bits >= first) & (bits <= last)])
         let_go(values)
-    return float(np.median(kept, overwrite_input=True))
+    inside = np.sort(np.concatenate(kept))
+    before = below[first - 1] if first else 0
+    return float(np.mean([inside[m - before] for m in middle]))
 
 
 def _stretches(count: int) -> Iterator[slice]:
@@ -266,30 +283,45 @@ def _without_strips(
         each = [np.count_nonzero(inside[a:b]) for a, b in itertools.pairwise(tracks.start)]
         start = np.concatenate([[0], np.cumsum(each)])
         normal, right = roomy(shape), np.zeros(shape[:2])
-        rays = roomy((len(tracks.rays), int(start[-1])))
-        for row in range(len(rays)):
-            np.compress(inside, tracks.rays[row], out=rays[row])
+        rays, n = roomy((len(tracks.rays), int(start[-1]))), 0
+        for stretch in _stretches(len(strip)):
+            some = tracks.rays[:, stretch][:, inside[stretch]]
+            rays[:, n : n + some.shape[1]] = some
+            n += some.shape[1]
             let_go(rays, tracks.rays)
         in_chunks(
             pair_equations, count,
             rays, start, active, now, turn, noise,
-            config.tuning, normal, right, np.zeros(int(start[-1])),
+            config.tuning, normal, right, roomy(int(start[-1])),
         )  # fmt: skip
-        parts.append((put_away(normal[used]), right[used]))
-    whole = np.zeros_like(parts[0][0]), np.zeros_like(parts[0][1])
+        let_go(normal)
+        parts.append((normal, right))
+    whole = roomy(parts[0][0].shape), np.zeros_like(parts[0][1])
     for part in parts:
-        whole[0][...] += part[0]
-        whole[1][...] += part[1]
-        let_go(part[0])
+        np.add(whole[0], part[0], out=whole[0])
+        np.add(whole[1], part[1], out=whole[1])
+        let_go(whole[0], part[0])
     changes = np.zeros(strips)
     for k, (normal, right) in enumerate(parts):
         # a pair that is left without its own motion says nothing
-        rest = whole[0] - normal, whole[1] - right
-        enough = np.linalg.cond(rest[0][:, :MOTION, :MOTION]) < config.worst_condition
-        reduced = _reduce(rest[0][enough], rest[1][enough]) if enough.any() else None
+        rest = roomy(normal.shape), whole[1] - right
+        np.subtract(whole[0], normal, out=rest[0])
+        let_go(whole[0], normal)
+        enough = used[_conditions(rest[0], used) < config.worst_condition]
+        reduced = _reduce(rest[0], rest[1], enough) if len(enough) else None
         changes[k] = np.nan if reduced is None else reduced.score.sum() / reduced.curvature[:, 0, 0].sum()
         let_go(normal)
     return changes
+
+
+def _conditions(normal: Array, used: NDArray[np.int64]) -> Array:
+    """(K,) condition numbers of the motions' parts of the `used` (K,) of (N, 9, 9)."""
+    found = np.empty(len(used))
+    for first in range(0, len(used), MOST_AT_ONCE):
+        part = slice(first, first + MOST_AT_ONCE)
+        found[part] = np.linalg.cond(normal[used[part], :MOTION, :MOTION])
+        let_go(normal)
+    return found
 
 
 def grouped_sigma(solution: YawSolution, pairs_together: int) -> float:
@@ -370,7 +402,10 @@ def as_it_may_be(yaw: RelativeYaw, tracks: StereoTracks, keystones: Array, confi
     apart = abs(float(np.median(keystones)) - yaw.yaw_rad)
     if apart < config.unlike_turn * abs(yaw.yaw_rad) + config.unlike_sigmas * scatter:
         return yaw
-    wide = float(np.mean((tracks.rays[0] - tracks.rays[2]) ** 2))
+    wide = 0.0
+    for part in _stretches(tracks.rays.shape[1]):
+        wide += float(np.sum((tracks.rays[0, part] - tracks.rays[2, part]) ** 2)) / tracks.rays.shape[1]
+        let_go(tracks.rays)
     return dataclasses.replace(yaw, sigma_rad=float(np.hypot(yaw.sigma_rad, wide * yaw.yaw_rad)))
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
 from stereocalib_core.back.rig.carried import motions
@@ -13,10 +14,11 @@ from stereocalib_core.back.rig.road_points import Look, road_planes
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.spill import let_go, roomy
 from stereocalib_core.results import FilteredExtrinsics, FrameResult
 
-if TYPE_CHECKING:
-    from stereocalib_core.back.rig.body_filter import FilterStep
+LET_GO_EVERY = 1000
+"""Frames, after which what a look back will need, or has passed, leaves the memory."""
 
 
 class FilteredDrive(NamedTuple):
@@ -43,23 +45,27 @@ def filter_drive(
     frames do not bridge a gap.
     """
     # not before a drive is filtered: filterpy brings half a second of imports
-    from stereocalib_core.back.rig.body_filter import RigFilter, measured_covariance, seen
+    from stereocalib_core.back.rig.body_filter import PACKED, RigFilter, measured_covariance, seen
 
-    config = config or PipelineConfig()
+    config, count = config or PipelineConfig(), len(results)
     tracks = tracks or pack(camera, results, config.odometry)
     rig = RigFilter(camera, config.filter, config.vehicle)
-    steps: list[FilterStep] = []
-    persistent: list[Array] = []
+    states: list[str] = []
+    joined = np.zeros(count, dtype=bool)
+    values, covariance, persistent = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    aside = roomy((count, PACKED))
     seen_so = measurements(results, tracks, config)
-    for result, looks, moved in zip(results, seen_so, motions(tracks), strict=True):
-        steps.append(rig.step(result.timestamp_s, *looks, moved=moved))
-        persistent.append(rig.persistent)
-    state, bends = tuple(s.state for s in steps), _bends(results)
-    values = np.array([s.values for s in steps]).reshape(-1, 3)
-    covariance = np.array([s.covariance for s in steps]).reshape(-1, 3, 3)
+    for i, (result, looks, moved) in enumerate(zip(results, seen_so, motions(tracks), strict=True)):
+        step = rig.step(result.timestamp_s, *looks, moved=moved)
+        values[i], covariance[i], persistent[i] = step.values, step.covariance, rig.persistent
+        aside[i], joined[i] = step.packed(), step.joined
+        states.append(step.state)
+        if i % LET_GO_EVERY == 0:
+            let_go(aside)
+    state, bends = tuple(states), _bends(results)
     filtered = FilteredExtrinsics(values.copy(), covariance + bends, state)
-    for first, last in _stretches(steps):
-        backwards = _backwards(steps[first : last + 1])
+    for first, last in _stretches(states, joined):
+        backwards = _backwards(aside[first : last + 1])
         for i, (x, P) in zip(range(last, first - 1, -1), backwards, strict=True):
             values[i] = seen(x)
             covariance[i] = measured_covariance(P) + persistent[i]
@@ -93,26 +99,31 @@ def _bends(results: Sequence[FrameResult]) -> Array:
     return added
 
 
-def _stretches(steps: Sequence[FilterStep]) -> list[tuple[int, int]]:
+def _stretches(states: Sequence[str], joined: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last of every run of updated frames over which the filter did not begin anew."""
     found: list[tuple[int, int]] = []
-    for i, step in enumerate(steps):
-        if step.state != "updated":
+    for i, state in enumerate(states):
+        if state != "updated":
             continue
-        if found and found[-1][1] == i - 1 and step.joined:
+        if found and found[-1][1] == i - 1 and joined[i]:
             found[-1] = (found[-1][0], i)
         else:
             found.append((i, i))
     return found
 
 
-def _backwards(steps: Sequence[FilterStep]) -> list[tuple[Array, Array]]:
-    """Smoothed states and covariances of consecutive frames, last frame first."""
-    x, P = steps[-1].x, steps[-1].P
-    smoothed = [(x, P)]
-    for later in steps[:0:-1]:
+def _backwards(aside: Array) -> Iterator[tuple[Array, Array]]:
+    """Smoothed states and covariances of consecutive frames, last frame first; (K, PACKED) of each."""
+    from stereocalib_core.back.rig.body_filter import unpacked
+
+    last = unpacked(aside[-1])
+    x, P = last.x, last.P
+    yield x, P
+    for i in range(len(aside) - 1, 0, -1):
+        later = unpacked(aside[i])
         gain = np.linalg.solve(later.P_prior, later.F @ later.P_before).T
         x = later.x_before + gain @ (x - later.x_prior)
         P = later.P_before + gain @ (P - later.P_prior) @ gain.T
-        smoothed.append((x, P))
-    return smoothed
+        yield x, P
+        if i % LET_GO_EVERY == 0:
+            let_go(aside)
