@@ -241,9 +241,13 @@ def _through(job: Job, checkpoint: Checkpoint, progress: Progress | None) -> Dri
             if progress:
                 progress(len(checkpoint), job.stop - job.start, job.doing)
         elapsed_s += time.perf_counter() - began
-        if progress:
-            progress(len(checkpoint), job.stop - job.start, "analysing the drive")
-        await_compiled()
+
+        def at_the_end(doing: str) -> None:
+            if progress:
+                progress(len(checkpoint), job.stop - job.start, doing)
+
+        await_compiled(lambda: at_the_end("compiling the rest, once for this machine"))
+        at_the_end("analysing the drive")
         drive, truth = _drive(job, checkpoint[:], elapsed_s)
         for observer in observers:
             observer.drive(drive, None if truth is None else truth.poses)

@@ -3,8 +3,7 @@
 numba compiles a loop when it is first called and keeps the machine code. Called one after the other, inside the
 first frame, that is a minute on one core without a word. Here the rooms that a command needs are compiled by as
 many processes as there are cores, before the command begins; what only the end of a drive needs, while its frames are
-looked at. What is compiled is remembered by the content of the
-compiled sources, so that it costs some milliseconds ever after.
+looked at. What is compiled is remembered by the content of the compiled sources: it costs some milliseconds ever after.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ from stereocalib_core.system.user_cache import user_cache
 
 PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 SECONDS = {
-    "sources": 2, "front.semi_global": 3, "front.rows": 5, "front.road": 15, "front.tracks": 9, "front.scan": 5,
-    "back.rig": 8, "back.odometry": 11, "back.lidar": 2, "simulator": 7, "simulator.plane": 4,
-    "boards": 2,
+    "sources": 3, "front.semi_global": 4, "front.rows": 6, "front.road": 23, "front.tracks": 12, "front.scan": 6,
+    "back.rig": 12, "back.odometry": 13, "back.lidar": 3, "simulator": 10, "simulator.plane": 5,
+    "boards": 3,
 }  # fmt: skip
 """Every room with something to compile, and about how long it takes on one core: shares the work out evenly."""
 FRONT = ("sources", "front.semi_global", "front.rows", "front.road", "front.tracks")
@@ -137,7 +136,8 @@ def compile_once(
     missing = [room for room in rooms if room not in known]
     if missing:
         seconds = max(sum(SECONDS[room] for room in hand) for hand in shares(missing, os.cpu_count() or 1))
-        say(f"compiling once for this machine, about {seconds + 3} s")
+        also = "; what only the end of a drive needs, meanwhile" if later else ""
+        say(f"compiling once for this machine, about {seconds + 3} s{also}")
 
         def told(done: int) -> None:
             if progress:
@@ -151,8 +151,13 @@ def compile_once(
         atexit.register(compiling.stop)
 
 
-def await_compiled() -> None:
-    """Wait until what `compile_once` left for later is compiled: who needs it now would only compile it once more."""
+def await_compiled(waiting: Callable[[], None] | None = None) -> None:
+    """Wait until what `compile_once` left for later is compiled: who needs it now would only compile it once more.
+
+    waiting: called before, where there is something to wait for.
+    """
+    if _behind and waiting:
+        waiting()
     while _behind:
         compiling = _behind.pop()
         compiling.finish()
