@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stereocalib_core.numeric import chunks, spill
+from stereocalib_core.numeric.stretches import STRETCH, median_of
 
 
 def test_contents_outlive_being_let_go() -> None:
@@ -59,3 +60,13 @@ def test_chunks_of_what_is_on_the_disk_cover_all_of_it_once() -> None:
     chunks.in_chunks(work, count, data, counted)
     np.testing.assert_array_equal(counted, 100.0 * np.arange(count))
     assert max(sizes) <= chunks.MOST_AT_ONCE
+
+
+def test_a_median_that_needs_no_copy_is_the_median() -> None:
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 3, 10, 1001, 2 * STRETCH, 3 * STRETCH + 1):
+        values = 10.0 ** rng.integers(-5, 5, count) * rng.standard_normal(count) ** 2
+        values[::7] = 0.0
+        chosen = rng.random(count) < 0.7
+        chosen[0] = True
+        assert median_of(values, chosen) == np.median(values[chosen])

@@ -19,40 +19,23 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.back.rig.relative_yaw_kernels import MOTION, TURN, move, pair_equations
+from stereocalib_core.back.rig.stereo_tracks import StereoTracks
 from stereocalib_core.config.pair import PairConfig
-from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.chunks import MOST_AT_ONCE, in_chunks
 from stereocalib_core.numeric.robust import mad_sigma
 from stereocalib_core.numeric.spill import let_go, roomy
-from stereocalib_core.results import FrameResult, Measured
+from stereocalib_core.numeric.stretches import median_of, stretches
+from stereocalib_core.results import Measured
 
 CHI2_MEDIAN = 2.366
 """Median of chi^2 with three degrees of freedom: four measurements of a point less its depth."""
-
-
-@dataclass(frozen=True)
-class StereoTracks:
-    """All points of a drive that were seen in both pictures of two frames, in the units of the kernels.
-
-    rays: (8, M) x, y, disparity in the frame before, then in this one, all over the focal length, and how the match of
-    either leans (`Tracks.lean`).
-    start: (N + 1,) the points of pair i, which ends in frame i, are start[i] ... start[i + 1].
-    """
-
-    camera: StereoCamera
-    rays: Array
-    start: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.start) - 1
 
 
 @dataclass(frozen=True)
@@ -103,29 +86,6 @@ class RelativeYaw:
     def measured(self) -> bool:
         """Whether there is a value."""
         return self.reason is None
-
-
-def stereo_tracks(camera: StereoCamera, results: Sequence[FrameResult]) -> StereoTracks:
-    """The tracks of consecutive frames to one block; points without a disparity in both frames are left out."""
-    start = np.zeros(len(results) + 1, dtype=np.int64)
-    for i, result in enumerate(results):
-        start[i + 1] = start[i]
-        if result.tracks is not None and len(result.tracks):
-            start[i + 1] += np.count_nonzero(np.isfinite(result.tracks.points).all(axis=1))
-            if i % MOST_AT_ONCE == 0:
-                let_go(result.tracks.points)
-    rays = roomy((8, int(start[-1])))
-    centre = np.array([camera.cx_px, camera.cy_px, 0.0] * 2)[:, None]
-    for i, result in enumerate(results):
-        if result.tracks is not None and start[i + 1] > start[i]:
-            known = np.isfinite(result.tracks.points).all(axis=1)
-            points, lean = result.tracks.points[known], result.tracks.lean
-            rays[:6, start[i] : start[i + 1]] = (points.astype(np.float64).T - centre) / camera.focal_px
-            rays[6:, start[i] : start[i + 1]] = 0.0 if lean is None else lean[known].T
-            if i % MOST_AT_ONCE == 0:
-                let_go(rays, result.tracks.points)
-    let_go(rays)
-    return StereoTracks(camera, rays, start)
 
 
 @dataclass(frozen=True)
@@ -207,7 +167,7 @@ def solve_yaw(
         move(now, used, reduced.steps[:, :, 0] - reduced.steps[:, :, 1] * step)
         turn[0] += step
         # the drive's own residuals say how noisy its points are, and so which of them are wrong
-        scale = np.sqrt(_median(misfit, of_used) / CHI2_MEDIAN)
+        scale = np.sqrt(median_of(misfit, of_used) / CHI2_MEDIAN)
         noise *= float(np.clip(scale, 1.0 / config.most_rescaled, config.most_rescaled))
     if reduced is None or not np.isfinite(turn[0]):
         return None
@@ -220,43 +180,10 @@ def solve_yaw(
     )  # fmt: skip
 
 
-_STRETCH = 1 << 16
-"""Points that are looked at together, so that a long drive needs no more memory than a short one."""
-
-
-def _median(values: Array, of: NDArray[np.bool_]) -> float:
-    """Of the values >= 0 where `of` holds; of what lies on the disk, a stretch at a time.
-
-    First how many share their leading bits, which sort like the numbers; then only those in the middle are sorted.
-    """
-    counts = np.zeros(1 << 16, dtype=np.int64)
-    for part in _stretches(len(values)):
-        counts += np.bincount(values[part][of[part]].view(np.int64) >> 48, minlength=len(counts))
-        let_go(values)
-    below = np.cumsum(counts)
-    middle = (below[-1] - 1) // 2, below[-1] // 2
-    first, last = np.searchsorted(below, middle, side="right")
-    kept = []
-    for part in _stretches(len(values)):
-        some = values[part][of[part]]
-        bits = some.view(np.int64) >> 48
-        kept.append(some[(bits >= first) & (bits <= last)])
-        let_go(values)
-    inside = np.sort(np.concatenate(kept))
-    before = below[first - 1] if first else 0
-    return float(np.mean([inside[m - before] for m in middle]))
-
-
-def _stretches(count: int) -> Iterator[slice]:
-    """0...count in stretches."""
-    for first in range(0, count, _STRETCH):
-        yield slice(first, min(first + _STRETCH, count))
-
-
 def _strips(tracks: StereoTracks, strips: int) -> Array:
     """(strips - 1,) x between upright strips of the picture that hold equally many points."""
     x = roomy(tracks.rays.shape[1])
-    for part in _stretches(len(x)):
+    for part in stretches(len(x)):
         x[part] = tracks.rays[0, part]
         let_go(tracks.rays)
     return np.asarray(np.quantile(x, np.linspace(0.0, 1.0, strips + 1)[1:-1], overwrite_input=True))
@@ -273,7 +200,7 @@ def _without_strips(
     used = np.flatnonzero(active)
     shape = (count, MOTION + TURN, MOTION + TURN)
     edges, strip = _strips(tracks, strips), np.empty(tracks.rays.shape[1], np.int8)
-    for stretch in _stretches(len(strip)):
+    for stretch in stretches(len(strip)):
         strip[stretch] = np.searchsorted(edges, tracks.rays[0, stretch])
         let_go(tracks.rays)
     parts = []
@@ -284,7 +211,7 @@ def _without_strips(
         start = np.concatenate([[0], np.cumsum(each)])
         normal, right = roomy(shape), np.zeros(shape[:2])
         rays, n = roomy((len(tracks.rays), int(start[-1]))), 0
-        for stretch in _stretches(len(strip)):
+        for stretch in stretches(len(strip)):
             some = tracks.rays[:, stretch][:, inside[stretch]]
             rays[:, n : n + some.shape[1]] = some
             n += some.shape[1]
@@ -403,7 +330,7 @@ def as_it_may_be(yaw: RelativeYaw, tracks: StereoTracks, keystones: Array, confi
     if apart < config.unlike_turn * abs(yaw.yaw_rad) + config.unlike_sigmas * scatter:
         return yaw
     wide = 0.0
-    for part in _stretches(tracks.rays.shape[1]):
+    for part in stretches(tracks.rays.shape[1]):
         wide += float(np.sum((tracks.rays[0, part] - tracks.rays[2, part]) ** 2)) / tracks.rays.shape[1]
         let_go(tracks.rays)
     return dataclasses.replace(yaw, sigma_rad=float(np.hypot(yaw.sigma_rad, wide * yaw.yaw_rad)))

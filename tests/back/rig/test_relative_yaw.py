@@ -9,11 +9,10 @@ import pytest
 
 from stereocalib_core.back.rig.relative_yaw import (
     RelativeYaw,
-    StereoTracks,
     as_it_may_be,
     relative_yaw,
-    stereo_tracks,
 )
+from stereocalib_core.back.rig.stereo_tracks import StereoTracks, stereo_tracks
 from stereocalib_core.config.pair import PairConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.geometry import StereoCamera, road_rotation, rotation_y
