@@ -19,6 +19,7 @@ from pathlib import Path
 
 from stereocalib_core.files.run_folder import RESULT_FILES
 from stereocalib_core.run.batch import drive_names, full_spec, usable_cores
+from stereocalib_core.system.compiled import known_also_in
 from stereocalib_core.system.whole_file import read_json
 
 OF_THE_MOMENT = ("source", "timing_ms", "frames_per_second")
@@ -45,7 +46,8 @@ def _cpu_s() -> float:
 
 
 def timed(arguments: Sequence[str], cache: Path) -> Pass:
-    """One call of the command line; exit code 3 is a result like any other."""
+    """One call of the command line; exit code 3 is a result like any other. cache: empty but for what is compiled."""
+    known_also_in(cache)
     began, cpu = time.perf_counter(), _cpu_s()
     done = subprocess.run(
         [sys.executable, "-m", "stereocalib_app.cli.main", *arguments],

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import solve_square
 
 
 @njit(cache=True, nogil=True)
@@ -16,27 +17,35 @@ def average_over_sizes(
     beforehand, averaged by their evidence.
 
     A: (K, K) information, right: (K,). reluctance: a size is expected beforehand in proportion to its inverse to this
-    power. Gives the solution (K,), its covariance (K, K) over all sizes, and the average inverse of A (K, K).
+    power. Gives the solution (K,), its covariance (K, K) over all sizes, and the average inverse of A (K, K); NaN where
+    A does not fix the unknowns.
     """
     unknowns = len(right)
-    inverse = np.empty((len(sizes), unknowns, unknowns))
-    solutions, log_evidence = np.empty((len(sizes), unknowns)), np.empty(len(sizes))
+    information = np.empty((unknowns, unknowns))
+    inverse = np.zeros((len(sizes), unknowns, unknowns))
+    solutions, log_evidence = np.zeros((len(sizes), unknowns)), np.empty(len(sizes))
     for k in range(len(sizes)):
-        information = A.copy()
-        for small in range(free, unknowns):
-            information[small, small] += sizes[k] ** -2.0
-        inverse[k] = np.linalg.inv(information)
-        solutions[k] = inverse[k] @ right
+        for i in range(unknowns):
+            for j in range(unknowns):
+                information[i, j] = A[i, j]
+            inverse[k, i, i] = 1.0
+            if i >= free:
+                information[i, i] += sizes[k] ** -2.0
+        determinant = solve_square(information, inverse[k])
+        if determinant == 0.0:
+            determinant = np.nan
         fits = 0.0
         for i in range(unknowns):
+            for j in range(unknowns):
+                solutions[k, i] += inverse[k, i, j] * right[j]
             fits += solutions[k, i] * right[i]
         log_evidence[k] = (
-            0.5 * fits
-            - 0.5 * np.linalg.slogdet(information)[1]
-            - (unknowns - free + reluctance) * np.log(sizes[k])
+            0.5 * fits - 0.5 * np.log(abs(determinant)) - (unknowns - free + reluctance) * np.log(sizes[k])
         )
     solution, average = np.zeros(unknowns), np.zeros((unknowns, unknowns))
-    share, most, total = np.empty(len(sizes)), log_evidence.max(), 0.0
+    share, most, total = np.empty(len(sizes)), log_evidence[0], 0.0
+    for k in range(len(sizes)):
+        most = max(most, log_evidence[k])
     for k in range(len(sizes)):
         share[k] = np.exp(log_evidence[k] - most)
         total += share[k]
@@ -47,10 +56,11 @@ def average_over_sizes(
             solution[i] += share[k] * solutions[k, i]
             for j in range(unknowns):
                 average[i, j] += share[k] * inverse[k, i, j]
-    covariance = average.copy()
-    for k in range(len(sizes)):
-        for i in range(unknowns):
-            for j in range(unknowns):
+    covariance = np.empty((unknowns, unknowns))
+    for i in range(unknowns):
+        for j in range(unknowns):
+            covariance[i, j] = average[i, j]
+            for k in range(len(sizes)):
                 apart = (solutions[k, i] - solution[i]) * (solutions[k, j] - solution[j])
                 covariance[i, j] += share[k] * apart
     return solution, covariance, average

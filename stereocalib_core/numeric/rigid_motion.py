@@ -136,8 +136,12 @@ def rigid_pair(
             return -1.0
         R = moved(R, t, step)
         variance = 0.5 * cost / total
-        if np.abs(step).max() < 2e-6:
+        largest = 0.0
+        for i in range(6):
+            largest = max(largest, abs(step[i]))
+        if largest < 2e-6:
             break
-    motion[:3] = vector_from_rotation(R)
-    motion[3:] = t
+    turned = vector_from_rotation(R)
+    for i in range(3):
+        motion[i], motion[3 + i] = turned[i], t[i]
     return variance

@@ -1,4 +1,4 @@
-"""Rotations and small linear systems for compiled loops."""
+"""Rotations, small linear systems and a median for compiled loops."""
 
 from __future__ import annotations
 
@@ -69,3 +69,77 @@ def solve_symmetric(H: Array, g: Array, size: int, out: Array) -> bool:
             s -= H[k, i] * out[k]
         out[i] = s / H[i, i]
     return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_square(H: Array, R: Array) -> float:
+    """Solve H X = R by Gauss's elimination, the largest pivot of a column first; gives the determinant of H.
+
+    H: (K, K), overwritten. R: (K, M), overwritten by X; of no use where the determinant is 0. The same as
+    `np.linalg.solve`, which alone takes as long to compile as a kernel around it.
+    """
+    n, sides, determinant = H.shape[0], R.shape[1], 1.0
+    for k in range(n):
+        largest = k
+        for i in range(k + 1, n):
+            if abs(H[i, k]) > abs(H[largest, k]):
+                largest = i
+        pivot = H[largest, k]
+        if pivot == 0.0:
+            return 0.0
+        if largest != k:
+            determinant = -determinant
+            for j in range(k, n):
+                H[k, j], H[largest, j] = H[largest, j], H[k, j]
+            for j in range(sides):
+                R[k, j], R[largest, j] = R[largest, j], R[k, j]
+        determinant *= pivot
+        for i in range(k + 1, n):
+            factor = H[i, k] / pivot
+            for j in range(k + 1, n):
+                H[i, j] -= factor * H[k, j]
+            for j in range(sides):
+                R[i, j] -= factor * R[k, j]
+    for i in range(n - 1, -1, -1):
+        for j in range(sides):
+            for k in range(i + 1, n):
+                R[i, j] -= H[i, k] * R[k, j]
+            R[i, j] /= H[i, i]
+    return determinant
+
+
+@njit(cache=True, nogil=True)
+def median_size(values: Array) -> float:
+    """Median of the absolute values of (N,), NaN where there are none or one of them is NaN, by Hoare's selection."""
+    n = len(values)
+    sizes = np.empty(n)
+    for i in range(n):
+        sizes[i] = abs(values[i])
+        if np.isnan(sizes[i]):
+            return np.nan
+    if n == 0:
+        return np.nan
+    middle, low, high = n // 2, 0, n - 1
+    while low < high:
+        pivot, i, j = sizes[(low + high) // 2], low, high
+        while i <= j:
+            while sizes[i] < pivot:
+                i += 1
+            while sizes[j] > pivot:
+                j -= 1
+            if i <= j:
+                sizes[i], sizes[j] = sizes[j], sizes[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    if n % 2:
+        return sizes[middle]
+    below = sizes[0]
+    for i in range(1, middle):
+        below = max(below, sizes[i])
+    return 0.5 * (below + sizes[middle])

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 
 _LOCK = threading.Lock()
@@ -16,6 +16,15 @@ _inside, _before = 0, 1
 def cores() -> int:
     """How many cores this process may use: a worker that is bound to one has one."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def bind_threads(to: set[int]) -> None:
+    """Every thread of this process, and what they start from now on, to these cores, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    for thread in os.listdir("/proc/self/task"):
+        with suppress(OSError):  # it may have ended meanwhile
+            os.sched_setaffinity(int(thread), to)
 
 
 def shared_pool(name: str, threads: int) -> ThreadPoolExecutor:

@@ -15,11 +15,11 @@ import fcntl
 import functools
 import hashlib
 import json
-import os
 import re
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,11 +30,13 @@ from stereocalib_core.config.running import RETRIES
 from stereocalib_core.errors import ConfigError, OutputError, StereoCalibError
 from stereocalib_core.files.output_folder import OutputFolder
 from stereocalib_core.files.run_folder import RESULT_FILES, load_run
+from stereocalib_core.numeric.threads import bind_threads
 from stereocalib_core.results import Drive
-from stereocalib_core.run.batch_summary import DriveOutcome, write_summary
+from stereocalib_core.run.batch_summary import DriveOutcome, ready_to_draw, write_summary
 from stereocalib_core.run.cluster import Scheduler, cluster, usable_cores
 from stereocalib_core.sources import SourceKind, open_source, parse, source_kind
 from stereocalib_core.system import whole_file
+from stereocalib_core.system.compiled import DRIVE, compile_once
 
 SEAL, LOCK, MARKER = "done.json", ".lock", "batch.json"
 Progress = Callable[[int, int, str], None]
@@ -59,12 +61,14 @@ def run_batch(
     method: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> BatchSummary:
     """Run every source into `out/<drive>/` and write summary.csv, summary.md and summary.png.
 
     workers: local processes of one core each, default as many as there are cores. scheduler: a running Dask
     scheduler instead, whose workers see the same paths. A local cluster speaks TLS with certificates of its own, made
-    for this call, so that no other process of the machine can hand it functions. Raises StereoCalibError when not one
+    for this call, so that no other process of the machine can hand it functions. say: told before what is compiled
+    once for this machine, so that the workers do not each compile the same. Raises StereoCalibError when not one
     source can be a drive.
     """
     config = settings.from_dict({} if method is None else {"method": method})
@@ -83,21 +87,28 @@ def run_batch(
             outcomes[name] = DriveOutcome(name, spec, "done", drive=drive)
         else:
             waiting.append((spec, name))
+    if waiting and scheduler is None:
+        rendered = any(spec.startswith("synthetic") for spec, _ in waiting)
+        compile_once(DRIVE + ("simulator",) * rendered, say or (lambda line: None), progress)
     if progress:
         progress(len(outcomes), len(specs), "drives")
-    try:
-        if waiting:
-            with cluster(min(workers, len(waiting)) if workers else None, scheduler, len(waiting)) as client:
+    with ThreadPoolExecutor(1, thread_name_prefix="closing") as aside, contextlib.ExitStack() as running:
+        try:
+            if waiting:
+                count = min(workers, len(waiting)) if workers else None
+                client = running.enter_context(cluster(count, scheduler, len(waiting)))
                 work = run_one if scheduler else functools.partial(run_one_on_its_core, usable_cores())
                 for outcome in _submit(client, work, waiting, out, config, overwrite):
                     outcomes[outcome.name] = outcome
                     if progress:
                         progress(len(outcomes), len(specs), "drives")
-    except StereoCalibError:
-        folder.undo()
-        raise
-    ordered = [outcomes[name] for name in names]
-    write_summary(out, ordered)
+                    ready_to_draw()  # while other drives are still worked on
+        except StereoCalibError:
+            folder.undo()
+            raise
+        aside.submit(running.pop_all().close)  # the workers end while the summary is written
+        ordered = [outcomes[name] for name in names]
+        write_summary(out, ordered)
     return _summary(ordered, () if scheduler is None or scheduler.note is None else (scheduler.note,))
 
 
@@ -190,12 +201,11 @@ def run_one(spec: str, folder: str, config: PipelineConfig, overwrite: bool) -> 
 def run_one_on_its_core(cores: Sequence[int], *drive: Any) -> str | None:
     """`run_one` in a worker of a local cluster, which are numbered: this one keeps to its own of `cores`.
 
-    The thread is bound, and with it every thread that the drive starts.
+    All of its threads are bound, and with them every thread that the drive starts.
     """
     from distributed import get_worker
 
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {cores[int(get_worker().name) % len(cores)]})
+    bind_threads({cores[int(get_worker().name) % len(cores)]})
     return run_one(*drive)
 
 

@@ -115,6 +115,12 @@ def _with_sigma(value: float | None, sigma: float | None) -> str:
     return "" if value is None else f"{value:.3f}" + ("" if sigma is None else f" ± {sigma:.3f}")
 
 
+def ready_to_draw() -> None:
+    """Import what the figure needs, which takes as long as drawing it."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure  # noqa: F401
+
+
 def _figure(rows: Sequence[dict[str, Any]]) -> bytes:
     """Height, pitch, roll and yaw of every drive with two sigma, and the share of frames that are ok."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -27,7 +27,7 @@ from stereocalib_core.run.calibrate import Progress, cut_truth, follow, frame_ra
 from stereocalib_core.run.self_calibrate import mended_by, next_mending, write_mended
 from stereocalib_core.sources import open_source
 from stereocalib_core.sources.calibrations import MENDED
-from stereocalib_core.system.compiled import await_compiled
+from stereocalib_core.system.compiled import SCANS, await_compiled, compile_once
 
 CHECKPOINT = "checkpoint.bin"
 FRAMES = "frames.bin"
@@ -126,6 +126,8 @@ def run_drive(
     """
     folder = OutputFolder(out, FILES, overwrite, resume)
     source = open_source(spec)
+    if source.T_camera_lidar is not None:
+        compile_once(SCANS, lambda line: None, progress)
     start, stop = frame_range(frames, len(source))
     job = Job(spec, out, source, config or PipelineConfig(), start, stop, rig, tolerances or {}, rrd, rerun)
     begun = False

@@ -33,7 +33,8 @@ def _unfilter(rows: Grey, image: Grey) -> bool:
         kind, row = rows[y, 0], rows[y, 1:]
         out = image[y]
         if kind == 0:
-            out[:] = row
+            for x in range(width):
+                out[x] = row[x]
         elif kind == 1:
             left: Any = np.uint8(0)
             for x in range(width):

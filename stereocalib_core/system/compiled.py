@@ -13,6 +13,7 @@ import contextlib
 import hashlib
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import threading
@@ -24,16 +25,18 @@ from stereocalib_core.system.user_cache import user_cache
 
 PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 SECONDS = {
-    "sources": 3, "front.semi_global": 4, "front.rows": 6, "front.road": 23, "front.tracks": 12, "front.scan": 6,
+    "sources": 1, "front.semi_global": 4, "front.rows": 4, "front.road": 14, "front.tracks": 10, "front.scan": 6,
     "back.rig": 12, "back.odometry": 13, "back.lidar": 3, "simulator": 10, "simulator.plane": 5,
     "boards": 3,
 }  # fmt: skip
 """Every room with something to compile, and about how long it takes on one core: shares the work out evenly."""
-FRONT = ("sources", "front.semi_global", "front.rows", "front.road", "front.tracks")
-"""What the first frame of a drive from a recording needs."""
-AFTER = ("front.scan", "back.rig", "back.odometry", "back.lidar")
-"""What only some drives need, or only the end of one."""
-DRIVE = FRONT + AFTER
+FRONT = ("sources", "front.rows", "front.road", "front.tracks")
+"""What the first frame of a drive from a recording needs; the road compiles the matching that it begins with."""
+SCANS = ("front.scan", "back.lidar")
+"""What a drive with LiDAR scans needs besides."""
+AFTER = ("back.rig", "back.odometry")
+"""What only the end of a drive needs."""
+DRIVE = FRONT + AFTER + SCANS
 Progress = Callable[[int, int, str], None]
 
 
@@ -57,6 +60,19 @@ def known_rooms(marker: Path) -> set[str]:
         return set(marker.read_text(encoding="utf-8").split())
     except (OSError, UnicodeDecodeError):
         return set()
+
+
+def missing(rooms: Sequence[str]) -> list[str]:
+    """Those of `rooms` that are not compiled on this machine yet."""
+    known = known_rooms(_marker())
+    return [room for room in rooms if room not in known]
+
+
+def known_also_in(cache: Path) -> None:
+    """What is compiled is known in this empty folder for caches, too: what is measured with it is not compiling."""
+    with contextlib.suppress(OSError):
+        cache.mkdir(parents=True, exist_ok=True)
+        shutil.copy(_marker(), cache)
 
 
 def remember(rooms: Sequence[str]) -> None:
@@ -132,19 +148,18 @@ def compile_once(
 
     later: rooms that are compiled from then on while the command goes on; `await_compiled` waits for them.
     """
-    known = known_rooms(_marker())
-    missing = [room for room in rooms if room not in known]
-    if missing:
-        seconds = max(sum(SECONDS[room] for room in hand) for hand in shares(missing, os.cpu_count() or 1))
+    now = missing(rooms)
+    if now:
+        seconds = max(sum(SECONDS[room] for room in hand) for hand in shares(now, os.cpu_count() or 1))
         also = "; what only the end of a drive needs, meanwhile" if later else ""
         say(f"compiling once for this machine, about {seconds + 3} s{also}")
 
         def told(done: int) -> None:
             if progress:
-                progress(done, len(missing), "compiling once for this machine")
+                progress(done, len(now), "compiling once for this machine")
 
-        _Compiling(missing, told).finish()
-    rest = [room for room in later if room not in known]
+        _Compiling(now, told).finish()
+    rest = missing(later)
     if rest:
         compiling = _Compiling(rest, lambda done: None, behind=True)
         _behind.append(compiling)

@@ -17,15 +17,15 @@ from pathlib import Path
 
 from stereocalib_app.benches.chromium import FLAGS, find_browser
 from stereocalib_core.errors import ConfigError
+from stereocalib_core.system.compiled import known_also_in
 
 PATIENCE_S = 120.0
 MOVING = """() => {
   const text = document.body.innerText, found = text.match(/Frame (\\d+) of/);
-  const picture = [...document.images].find(i => i.complete && i.naturalWidth > 500);
-  if (!found || !picture || !/height[^]*\\d\\.\\d+ ?m/i.test(text)) return false;
-  const now = found[1] + ' ' + picture.src.length + picture.src.slice(-64);
-  const seen = window.firstSeen ??= { frame: found[1], now, at: performance.now() };
-  return found[1] !== seen.frame && now !== seen.now ? { first: seen.at, moving: performance.now() } : false; }"""
+  const drawn = document.querySelector('.sc-picture')?.dataset.frame;
+  if (!found || drawn === undefined || !/height[^]*\\d\\.\\d+ ?m/i.test(text)) return false;
+  const seen = window.firstSeen ??= { frame: found[1], drawn, at: performance.now() };
+  return found[1] !== seen.frame && drawn !== seen.drawn ? { first: seen.at, moving: performance.now() } : false; }"""
 """When the first frame stood on the page with picture and height, and when another one did [ms of the page]."""
 
 
@@ -43,6 +43,7 @@ def measure(browser: str) -> dict[str, float]:
         )
         page = context.pages[0]
         command = [str(Path(sys.executable).with_name("stereocalib")), "demo", "--port", "18085"]
+        known_also_in(Path(cache))
         environment = {**os.environ, "STEREOCALIB_CACHE": cache}
         began = time.monotonic()
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:

@@ -50,7 +50,11 @@ def _compile(spec: str | None, frames_first: bool = False) -> None:
     rooms = ("boards",) if spec is None else drive + ("simulator",) * spec.startswith("synthetic")
     with terminal_progress() as progress:
         later = AFTER if frames_first else ()
-        compile_once(rooms, lambda line: print(f"stereocalib: {line}", file=sys.stderr), progress, later)
+        compile_once(rooms, _say, progress, later)
+
+
+def _say(line: str) -> None:
+    print(f"stereocalib: {line}", file=sys.stderr)
 
 
 def _serve(spec: str, arguments: argparse.Namespace) -> None:
@@ -299,6 +303,7 @@ def batch(arguments: argparse.Namespace) -> str | None:
             method=arguments.method,
             overwrite=arguments.overwrite,
             progress=progress,
+            say=_say,
         )
     for note in summary.notes:
         print(f"stereocalib: note: {note}", file=sys.stderr)

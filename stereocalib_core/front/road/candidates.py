@@ -20,6 +20,7 @@ from stereocalib_core.front.road.carried import Past, likeness, nearest_of
 from stereocalib_core.front.sight import noise_px
 from stereocalib_core.geometry import DisparityPlane, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import solve_square
 from stereocalib_core.results import DisparityMap
 
 
@@ -104,7 +105,14 @@ def _draw(u: Array, v: Array, d: Array, cumulative: Array, count: int) -> Array:
             seed ^= seed >> np.uint64(7)
             seed ^= seed << np.uint64(17)
             share = float(seed >> np.uint64(11)) / 9007199254740992.0
-            pick[m] = min(np.searchsorted(cumulative, share * cumulative[-1]), len(u) - 1)
+            low, high = 0, len(u) - 1
+            while low < high:
+                middle = (low + high) // 2
+                if cumulative[middle] < share * cumulative[-1]:
+                    low = middle + 1
+                else:
+                    high = middle
+            pick[m] = low
         i, j, h = pick
         v1, u1, d1 = v[j] - v[i], u[j] - u[i], d[j] - d[i]
         v2, u2, d2 = v[h] - v[i], u[h] - u[i], d[h] - d[i]
@@ -186,20 +194,21 @@ def _refined(
 ) -> Array:
     """(K, 3) planes, each fitted to the cells that lie on it as `_score` weighs them; NaN where there are too few."""
     refined = planes.copy()
-    H, r = np.empty((3, 3)), np.empty(3)
+    H, r = np.empty((3, 3)), np.empty((3, 1))
     for k in range(len(planes)):
         for _ in range(rounds):
             a, bu, c = refined[k, 0], refined[k, 1], refined[k, 2]
             bottom = a * bottom_v + c
             if not (a > 0.0 and bottom > 0.0):
-                refined[k] = np.nan
+                refined[k, 0] = refined[k, 1] = refined[k, 2] = np.nan
                 break
             near = fb / bottom
             far = max(min(fb * scale[5] / noise, scale[7]), scale[6] * near)
             length, least = scale[3] * near, scale[2] * noise
             # height is baseline over a
             height_tolerance = min(scale[0] * a / scale[9], scale[1])
-            H[:], r[:] = 0.0, 0.0
+            H.fill(0.0)
+            r.fill(0.0)
             n = 0
             for i in range(len(u)):
                 if z[i] > far or z[i] < 0.8 * near:
@@ -219,14 +228,15 @@ def _refined(
                 H[1, 1] += w * u[i] * u[i]
                 H[1, 2] += w * u[i]
                 H[2, 2] += w
-                r[0] += w * e * v[i]
-                r[1] += w * e * u[i]
-                r[2] += w * e
+                r[0, 0] += w * e * v[i]
+                r[1, 0] += w * e * u[i]
+                r[2, 0] += w * e
             H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
-            if n < 10 or not np.linalg.det(H) > 0.0:
-                refined[k] = np.nan
+            if n < 10 or not solve_square(H, r) > 0.0:
+                refined[k, 0] = refined[k, 1] = refined[k, 2] = np.nan
                 break
-            refined[k] += np.linalg.solve(H, r)
+            for p in range(3):
+                refined[k, p] += r[p, 0]
     return refined
 
 

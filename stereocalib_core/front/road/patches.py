@@ -164,20 +164,35 @@ def offsets_of(sums: Array, u: Array, trust: Array, pixels: int) -> tuple[Array,
     dv = dv_0 + dv_1 u for the lane, found from all patches with their own offsets eliminated. Without it an
     edge that runs nearly along the rows would turn dv into disparity.
     """
-    uu, uv, vv, ur, vr, rr = sums[:, 0], sums[:, 1], sums[:, 2], sums[:, 3], sums[:, 4], sums[:, 5]
-    seen = uu > 1e-6
-    safe = np.where(seen, uu, 1.0)
-    information = np.where(seen, np.maximum(vv - uv * uv / safe, 0.0), 0.0)
-    pull = np.where(seen, vr - uv * ur / safe, 0.0)
-    x = u / 100.0
-    w = trust * information
-    H = np.array([[w.sum(), (w * x).sum()], [(w * x).sum(), (w * x * x).sum()]])
-    rows = np.zeros(len(u))
-    if np.linalg.cond(H) < 1e8:
-        a, b = np.linalg.solve(H, np.array([(trust * pull).sum(), (trust * pull * x).sum()]))
-        rows = np.clip(a + b * x, -1.5, 1.5)
-    offset = -(ur - rows * uv) / safe
-    left_over = rr + offset**2 * uu + rows**2 * vv + 2 * offset * ur - 2 * rows * vr - 2 * offset * rows * uv
-    sigma = np.sqrt((np.maximum(left_over, 0.0) / (pixels - 3) + 0.1) / safe)
-    usable = seen & (np.abs(offset) <= 2.0)
-    return np.where(usable, offset, 0.0), np.where(usable, sigma, np.inf)
+    n = len(u)
+    offset, sigma = np.zeros(n), np.full(n, np.inf)
+    # element by element: whole arrays would take as long to compile as all the rest
+    h_00 = h_01 = h_11 = t_0 = t_1 = 0.0
+    for p in range(n):
+        uu, uv, vv, ur, vr = sums[p, 0], sums[p, 1], sums[p, 2], sums[p, 3], sums[p, 4]
+        if not uu > 1e-6:
+            continue
+        x = u[p] / 100.0
+        w = trust[p] * max(vv - uv * uv / uu, 0.0)
+        pull = trust[p] * (vr - uv * ur / uu)
+        h_00 += w
+        h_01 += w * x
+        h_11 += w * x * x
+        t_0 += pull
+        t_1 += pull * x
+    middle, half = 0.5 * (h_00 + h_11), np.sqrt((0.5 * (h_00 - h_11)) ** 2 + h_01 * h_01)
+    a = b = 0.0
+    if middle + half < 1e8 * (middle - half):
+        determinant = h_00 * h_11 - h_01 * h_01
+        a, b = (h_11 * t_0 - h_01 * t_1) / determinant, (h_00 * t_1 - h_01 * t_0) / determinant
+    for p in range(n):
+        uu, uv, vv, ur, vr, rr = sums[p, 0], sums[p, 1], sums[p, 2], sums[p, 3], sums[p, 4], sums[p, 5]
+        if not uu > 1e-6:
+            continue
+        row = min(max(a + b * (u[p] / 100.0), -1.5), 1.5)
+        own = -(ur - row * uv) / uu
+        if not abs(own) <= 2.0:
+            continue
+        left_over = rr + own**2 * uu + row**2 * vv + 2 * own * ur - 2 * row * vr - 2 * own * row * uv
+        offset[p], sigma[p] = own, np.sqrt((max(left_over, 0.0) / (pixels - 3) + 0.1) / uu)
+    return offset, sigma

@@ -112,7 +112,9 @@ def _refine_line(
     residual sigma of d [px] and the (2, 2) normal matrix of (gain, offset) in d = gain v' + offset.
     """
     gain, offset = 1.0 / slope, -intercept / slope
-    top, bottom = v.min(), v.max()
+    top = bottom = v[0]
+    for k in range(len(v)):
+        top, bottom = min(top, v[k]), max(bottom, v[k])
     inliers, sigma = 0, 0.0
     normal = np.zeros((2, 2))
     for _ in range(rounds):

@@ -19,6 +19,7 @@ from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.sight import Reach, noise_px, reach_of
 from stereocalib_core.geometry import DisparityPlane, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import solve_square
 from stereocalib_core.results import DisparityMap
 
 Mask = NDArray[np.bool_]
@@ -173,7 +174,7 @@ def _refit(
 ) -> tuple[Array, int, float]:
     """Tukey-weighted least squares of disparity over the cells of one piece: plane, cells, rms [px]; NaN = failed."""
     rows, columns = values.shape
-    H, r = np.zeros((3, 3)), np.zeros(3)
+    H, r = np.zeros((3, 3)), np.zeros((3, 1))
     n, squares, total = 0, 0.0, 0.0
     for i in range(rows):
         v = (i + 0.5) * step - 0.5 - cy
@@ -199,14 +200,17 @@ def _refit(
         H[1, 1] += s2
         H[1, 2] += s1
         H[2, 2] += s0
-        r[0] += v * t0
-        r[1] += t1
-        r[2] += t0
+        r[0, 0] += v * t0
+        r[1, 0] += t1
+        r[2, 0] += t0
         total += s0
     H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
-    if n < 10 or not np.linalg.det(H) > 0.0:
+    if n < 10 or not solve_square(H, r) > 0.0:
         return np.full(3, np.nan), n, np.nan
-    return plane + np.linalg.solve(H, r), n, np.sqrt(squares / max(total, 1e-9))
+    refitted = np.empty(3)
+    for p in range(3):
+        refitted[p] = plane[p] + r[p, 0]
+    return refitted, n, np.sqrt(squares / max(total, 1e-9))
 
 
 @njit(cache=True, nogil=True)

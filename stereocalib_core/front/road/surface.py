@@ -19,6 +19,7 @@ from stereocalib_core.numeric import bent_square
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.evidence import average_over_sizes
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
+from stereocalib_core.numeric.small_algebra import median_size, solve_square
 
 SLOTS = 3
 """The first so many unknowns are the plane's; the bends follow."""
@@ -65,19 +66,21 @@ def _robust_normal(
 ) -> tuple[Array, Array, Array, Array]:
     """Weighted least squares repeated with Tukey weights: solution, weights 0...1, normal matrix, right side.
 
-    loose: (K, K) information added to the normal matrix while it is solved.
+    loose: (K, K) information added to the normal matrix while it is solved. The solution is NaN where it is singular.
     """
     n, unknowns = J.shape
     x, robust, residual = np.zeros(unknowns), np.ones(n), np.empty(n)
     H, b = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    held, change = np.empty((unknowns, unknowns)), np.empty((unknowns, 1))
     for _ in range(rounds):
         for i in range(n):
             e = offset[i]
             for p in range(unknowns):
                 e -= J[i, p] * x[p]
             residual[i] = e / np.sqrt(variance[i])
-        limit = tukey * max(SIGMA_PER_MAD * np.median(np.abs(residual)), min_scale)
-        H[:], b[:] = 0.0, 0.0
+        limit = tukey * max(SIGMA_PER_MAD * median_size(residual), min_scale)
+        H.fill(0.0)
+        b.fill(0.0)
         for i in range(n):
             robust[i] = max(1.0 - (residual[i] / limit) ** 2, 0.0) ** 2
             w = robust[i] / variance[i]
@@ -85,7 +88,15 @@ def _robust_normal(
                 b[p] += w * J[i, p] * offset[i]
                 for q in range(unknowns):
                     H[p, q] += w * J[i, p] * J[i, q]
-        x[:] = np.linalg.solve(H + loose, b)
+        for p in range(unknowns):
+            change[p, 0] = b[p]
+            for q in range(unknowns):
+                held[p, q] = H[p, q] + loose[p, q]
+        fixed = solve_square(held, change) != 0.0
+        for p in range(unknowns):
+            x[p] = change[p, 0] if fixed else np.nan
+        if not fixed:
+            break
     return x, robust, H, b
 
 
@@ -99,6 +110,8 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
     x, robust, H, b = _robust_normal(
         J, offset, variance, loose, config.robust_rounds, config.tukey, config.min_scale
     )
+    if not np.isfinite(x).all():
+        raise np.linalg.LinAlgError("the patches do not fix a plane")
     residual = offset - J @ x
     chi2 = float(np.sum(robust * residual**2 / variance) / np.sum(robust))
     # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
@@ -107,6 +120,8 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
     solution, covariance, average = average_over_sizes(A, right, SLOTS, sizes, config.bend_reluctance)
+    if not np.isfinite(solution).all():
+        raise np.linalg.LinAlgError("the patches do not fix a plane and its bends")
     return LaneFit(
         solution,
         covariance,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.config import RowMatchesConfig
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.small_algebra import solve_square
 
 Bytes = NDArray[np.uint8]
 
@@ -148,7 +149,7 @@ def _align(left: Bytes, right: Bytes, starts: Array, radius: int, steps: int) ->
         for i in range(area):
             template[i] -= mean
             power += template[i] * template[i]
-        normal = np.zeros((3, 3))
+        normal, inverse = np.zeros((3, 3)), np.eye(3)
         column_mean = np.zeros(3)
         for i in range(area):
             for a in range(3):
@@ -163,9 +164,8 @@ def _align(left: Bytes, right: Bytes, starts: Array, radius: int, steps: int) ->
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
         # A shear needs a pull towards zero: patches with one dominant edge cannot tell it from a shift.
         normal[2, 2] += 0.05 * normal[2, 2] + 1e-6
-        if abs(np.linalg.det(normal)) < 1e-3 or power < area:
+        if abs(solve_square(normal, inverse)) < 1e-3 or power < area:
             continue
-        inverse = np.linalg.inv(normal)
         ur, vr, shear = starts[k, 2], starts[k, 3], 0.0
         correlation, settled = 0.0, False
         for _ in range(steps):

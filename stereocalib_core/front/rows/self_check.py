@@ -28,6 +28,7 @@ from stereocalib_core.front.rows.row_matches import RowMatches, row_matches
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.robust import SIGMA_PER_MAD
+from stereocalib_core.numeric.small_algebra import median_size, solve_square
 from stereocalib_core.results import Check, RectificationSample
 
 UPSIDE_DOWN = "nearness above over below"
@@ -44,34 +45,40 @@ class Examination:
 
 
 @njit(cache=True, nogil=True)
-def _robust_rows(design: Array, dv: Array, prior: float) -> tuple[Array, Array, Array]:
+def _robust_rows(design: Array, dv: Array, middle: float, prior: float) -> tuple[Array, Array, Array]:
     """(3,) coefficients of (M, 3) `design` for (M,) rows, the (3, 3) normal matrix and (M,) weights; NaN = failed.
 
-    prior: inverse variance of the third one about zero.
+    middle: what the first one is to begin with. prior: inverse variance of the third one about zero.
     """
     m = len(dv)
     weights, residual = np.ones(m), np.empty(m)
-    solution, normal, right = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
-    solution[0] = np.median(dv)
+    solution, normal, right = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 1))
+    solved = np.empty((3, 3))
+    solution[0] = middle
     for _ in range(12):
         for i in range(m):
             residual[i] = dv[i]
             for p in range(3):
                 residual[i] -= design[i, p] * solution[p]
-        scale = max(SIGMA_PER_MAD * np.median(np.abs(residual)), 0.03)
-        normal[:], right[:] = 0.0, 0.0
+        scale = max(SIGMA_PER_MAD * median_size(residual), 0.03)
+        normal.fill(0.0)
+        right.fill(0.0)
         normal[2, 2] = prior
         for i in range(m):
             weights[i] = 1.0 / (1.0 + (residual[i] / (2.0 * scale)) ** 2) ** 2
             for p in range(3):
                 weighted = design[i, p] * weights[i] / scale**2
-                right[p] += weighted * dv[i]
+                right[p, 0] += weighted * dv[i]
                 for q in range(3):
                     normal[p, q] += weighted * design[i, q]
-        if not np.linalg.det(normal) > 0.0:
-            solution[:] = np.nan
+        for p in range(3):
+            for q in range(3):
+                solved[p, q] = normal[p, q]
+        fixed = solve_square(solved, right) > 0.0
+        for p in range(3):
+            solution[p] = right[p, 0] if fixed else np.nan
+        if not fixed:
             break
-        solution[:] = np.linalg.solve(normal, right)
     return solution, normal, weights
 
 
@@ -82,7 +89,9 @@ def fit_rows(camera: StereoCamera, points: Array, config: RectificationConfig) -
     u, v = points[:, 2] - cx_right, points[:, 1] - camera.cy_px
     dv = points[:, 3] - points[:, 1]
     design = np.stack([1.0 + (v / f) ** 2, u / f, u * v / f**2], axis=1)
-    solution, normal, weights = _robust_rows(design, dv, 1.0 / (f * np.deg2rad(config.keystone_deg)) ** 2)
+    solution, normal, weights = _robust_rows(
+        design, dv, float(np.median(dv)), 1.0 / (f * np.deg2rad(config.keystone_deg)) ** 2
+    )
     if not np.isfinite(solution).all() or np.linalg.cond(normal) > 1e8:
         return None
     # Neighbouring matches share what the model leaves out (lens distortion, their scene): four count as one.

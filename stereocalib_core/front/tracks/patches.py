@@ -214,7 +214,7 @@ def follow(
     ok = np.zeros(count, dtype=np.bool_)
     guess, here, back = np.empty(2), np.empty(2), np.empty(4)
     for k in range(count):
-        here[:] = predicted[k]
+        here[0], here[1] = predicted[k, 0], predicted[k, 1]
         A = affine[k]
         determinant = A[0] * A[3] - A[1] * A[2]
         if not abs(determinant) > 1e-9:
@@ -253,6 +253,6 @@ def follow(
         if returned < min_correlation:
             continue
         if (guess[0] - points[k, 0]) ** 2 + (guess[1] - points[k, 1]) ** 2 < max_return_px**2:
-            found[k] = here
+            found[k, 0], found[k, 1] = here[0], here[1]
             ok[k] = True
     return found, ok

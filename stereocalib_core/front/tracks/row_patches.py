@@ -159,7 +159,7 @@ def match_rows(
         sound = points[k, 0] + points[k, 1] + guess[k] + slopes[k, 0] + slopes[k, 1] + down[k]
         if not np.isfinite(sound):
             continue
-        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1] + down[k]))
+        u, v = int(np.rint(points[k, 0])), int(np.rint(points[k, 1] + down[k]))
         # the left picture is read between its rows, once, so that the right one is read along its own
         there = v - down[k]
         first = int(np.floor(there))
@@ -200,7 +200,7 @@ def row_leans(left: Image, right: Image, points: Array, matched: Array, slopes: 
     for k in range(len(points)):
         if not np.isfinite(points[k, 0] + points[k, 1] + matched[k] + slopes[k, 0] + slopes[k, 1] + down[k]):
             continue
-        u, v = int(np.round(points[k, 0])), int(np.round(points[k, 1] + down[k]))
+        u, v = int(np.rint(points[k, 0])), int(np.rint(points[k, 1] + down[k]))
         there = v - down[k]
         first = int(np.floor(there))
         if u < HALF_U + 2 or u + HALF_U + 2 >= width or v < HALF_V + 2 or v + HALF_V + 2 >= height:
