@@ -79,3 +79,19 @@ def test_a_folder_that_can_be_written_is_left_alone(tmp_path: Path, monkeypatch:
     (tmp_path / "__pycache__" / "a.f-1.py311.nbi").write_bytes(b"")
     assert use_installed_code(tmp_path) is None
     assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_filterpy_comes_without_scipy_stats_and_whole_for_whoever_asks() -> None:
+    """In a process of its own: this one has imported everything."""
+    code = """
+import sys
+import numpy as np
+from stereocalib_core.back.rig import body_filter
+assert "scipy.stats" not in sys.modules
+from filterpy.kalman.UKF import logpdf
+assert abs(logpdf(np.zeros(2), np.zeros(2), np.eye(2)) + np.log(2.0 * np.pi)) < 1e-9
+import filterpy.stats
+assert filterpy.stats.__file__ and filterpy.stats.gaussian(0.0, 0.0, 1.0) > 0.3
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

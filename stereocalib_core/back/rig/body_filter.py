@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from stereocalib_core.back.rig.carried import Moved, carry
 from stereocalib_core.back.rig.multiple_model import NoiseBank
@@ -35,6 +34,7 @@ from stereocalib_core.back.rig.road_points import Look, lean_on
 from stereocalib_core.config import FilterConfig, VehicleConfig
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.numeric.light_filterpy import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 _N = 9
 _SEEN = np.hstack([np.eye(3), np.eye(3), np.zeros((3, 3))])

@@ -44,7 +44,7 @@ def filter_drive(
     The look back goes over every stretch of `updated` frames. What was predicted stays as it was predicted: later
     frames do not bridge a gap.
     """
-    # not before a drive is filtered: filterpy brings half a second of imports
+    # not before a drive is filtered: filterpy takes long to import
     from stereocalib_core.back.rig.body_filter import PACKED, RigFilter, measured_covariance, seen
 
     config, count = config or PipelineConfig(), len(results)
