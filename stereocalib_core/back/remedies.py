@@ -48,7 +48,7 @@ REMEDIES: Final[dict[FailureReason, tuple[str, str]]] = {
         "check focus and exposure of both cameras, and that they trigger together",
     ),
     FailureReason.NO_ROAD: (
-        "no free road lies ahead: a truck, a wall, a crossing car",
+        "no free road of this car lies ahead: a truck, a wall, a crossing car, or a step up or down",
         "nothing to mend when the view was really blocked",
     ),
     FailureReason.NOT_PLANAR: (

@@ -269,7 +269,7 @@ class DirectConfig:
     alone_pitch_rad: float = 0.009
     alone_roll_rad: float = 0.023
     """1 sigma (0.5 and 1.3 deg) then: the lane's own road lies as far from a plane on one side of its crown, or on a
-    bank of snow beside it. Within the limits, for it may well be the road."""
+    bank of snow beside it. Told, and not held against the limits: it may well be the road."""
     min_patches: int = 25
     """Numerical: five for each of the five unknowns; whether they are enough sigma says."""
     agree_height_m: float = 0.06

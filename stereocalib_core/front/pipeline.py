@@ -105,6 +105,7 @@ class FrontEnd:
         self._road: Extrinsics | None = None
         self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
         self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
+        self._carried_at = 0
         self._since_kept_m = 0.0
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
@@ -162,7 +163,7 @@ class FrontEnd:
         prepared = prepared or self.prepare(frame, self._pasts[0])
         assert prepared is not None
         examined = prepared.examined
-        road = finish_road(prepared.begun, left, right, self.camera, self.config, self._hint())
+        road = finish_road(prepared.begun, left, right, self.camera, self.config, self._hint(frame.index))
         timing = {"rectification": prepared.rows_ms, **road.timing_ms}
         sample, checks = examined.sample, examined.checks
         if examined.failure is not None:
@@ -184,15 +185,22 @@ class FrontEnd:
         )  # fmt: skip
         return Look(self.with_lidar(frame, result, road), road)
 
-    def _hint(self) -> Hint:
-        """Where the road is likely to be: the median of the last ones, and the way that the car has been going."""
+    def _hint(self, index: int) -> Hint:
+        """Where the road of frame `index` is likely to be: that of the last ones, and the way that the car goes."""
         region = self.config.region
         way = way_of(self._tracker.motion, self._standing.height_m, region)
         heading = float(np.median(self._headings)) if len(self._headings) >= region.least_past else 0.0
         # the car goes on as it went between the last two pairs
-        motion = self._tracker.motion
+        motion = self._since_carried(index, self._tracker.motion)
         carried = self._carried if motion is None else carried_on(self._carried, motion)
-        return Hint(self._past_road(), self._median([e for e in carried if e is not None]), way, heading)
+        travel_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
+        return Hint(
+            self._past_road(), self._median([e for e in carried if e is not None]), way, heading, travel_m
+        )
+
+    def _since_carried(self, index: int, motion: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+        """The motion to frame `index` from the last pair that was tracked; motion: (6,) of one frame."""
+        return None if motion is None else motion * max(index - self._carried_at, 1)
 
     def _past_road(self) -> Extrinsics | None:
         """The median of the last roads as the rig saw them, where there are enough."""
@@ -204,11 +212,13 @@ class FrontEnd:
         rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in roads], axis=0)
         return Extrinsics(*(float(x) for x in rig))
 
-    def _carry(self, motion: NDArray[np.float64] | None, road: Extrinsics | None) -> None:
+    def _carry(self, index: int, motion: NDArray[np.float64] | None, road: Extrinsics | None) -> None:
         """The roads of the last pairs seen from this one, with its own; none where the motion into it is not known.
 
         A car that stands sees the same bit of road again and again: its own is kept for every step of the way.
         """
+        motion = self._since_carried(index, motion)
+        self._carried_at = index
         known = [] if motion is None else carried_on(self._carried, motion)
         self._since_kept_m += 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
         step_m = self.config.region.carried_step * self._standing.height_m
@@ -279,7 +289,7 @@ class FrontEnd:
             self._past.append(self._road)
         view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
-        self._carry(self._tracker.motion, None if road.estimate is None else self._road)
+        self._carry(index, self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
         if heading is not None:
             self._headings.append(heading)
@@ -317,7 +327,9 @@ class FrontEnd:
             if result.road is not None:
                 self._road = result.road.extrinsics
                 self._past.append(self._road)
-            self._carry(remembered.motion, None if result.road is None else result.road.extrinsics)
+            self._carry(
+                result.frame, remembered.motion, None if result.road is None else result.road.extrinsics
+            )
             heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
             if heading is not None:
                 self._headings.append(heading)
@@ -354,5 +366,7 @@ class FrontEnd:
         drive._tracker = TrackerState(motion=before[-1][1].motion)
         prepared = drive.prepare(frame, drive._pasts[0])
         assert prepared is not None
-        road = finish_road(prepared.begun, left, right, self.camera, config, drive._hint(), compare=True)
+        road = finish_road(
+            prepared.begun, left, right, self.camera, config, drive._hint(frame.index), compare=True
+        )
         return road if road.drawable else None

@@ -5,18 +5,27 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.config import PipelineConfig, RegionConfig
+from stereocalib_core.config import DirectConfig, PipelineConfig, RegionConfig
 from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.carried import Past, step_of
 from stereocalib_core.front.road.region import Region
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 
 
-def stepped(region: Region, carried: Extrinsics, camera: StereoCamera, config: RegionConfig) -> bool:
-    """Whether a kerb lies between a region and the road carried along: both alike, but one higher."""
+def step_m(
+    region: Region, carried: Extrinsics, camera: StereoCamera, travel_m: float, config: RegionConfig
+) -> float | None:
+    """How much higher [m] a region lies than the road carried along, where a kerb lies between; None: none does.
+
+    Both lean alike, but one is higher. travel_m: since the pair before; the road's slope is another after every
+    stretch, and what it adds is no kerb.
+    """
     found = region.plane.extrinsics(camera)
-    beyond = abs(step_of(found, carried, camera, config)) > config.kerb
-    return beyond and bool(np.abs(leaning(found, carried, config)).max() < 1.0)
+    leaning_since = config.carried_pitch_rad * travel_m / carried.height_m
+    step = step_of(found, carried, camera, config)
+    beyond = abs(step) > np.hypot(config.kerb, 2.0 * leaning_since)
+    alike = bool(np.abs(leaning(found, carried, config)).max() < 1.0)
+    return -step * carried.height_m if beyond and alike else None
 
 
 def leans(region: Region, carried: Extrinsics, camera: StereoCamera, config: RegionConfig) -> bool:
@@ -32,25 +41,28 @@ def leaning(found: Extrinsics, carried: Extrinsics, config: RegionConfig) -> NDA
 
 
 def beside_the_step(
-    region: Region | None, carried: Extrinsics, camera: StereoCamera, config: RegionConfig
+    region: Region | None, carried: Extrinsics, camera: StereoCamera, travel_m: float, config: RegionConfig
 ) -> Region | None:
     """The region about the road carried along; None where that too is beyond a kerb, or hardly seen."""
     if region is None or region.share < config.least_share_carried:
         return None
-    return None if stepped(region, carried, camera, config) else region
+    return region if step_m(region, carried, camera, travel_m, config) is None else None
+
+
+def alone(region: Region, config: DirectConfig) -> tuple[float, float]:
+    """1 sigma of pitch and roll [rad] that a pair with nothing before it took another plane for its road.
+
+    By how little of the lane is on the plane: on one side of a crown, on a bank of snow, or over a pavement.
+    """
+    none, full = config.alone_planar
+    doubt = float(np.clip((none - region.planar) / (none - full), 0.0, 1.0))
+    return doubt * config.alone_pitch_rad, doubt * config.alone_roll_rad
 
 
 def in_doubt(found: Extrinsics, region: Region, past: Past, settings: PipelineConfig) -> tuple[float, float]:
-    """1 sigma of pitch and roll [rad] of not being the road at all.
-
-    Of a pair with nothing before it, by how little of the lane is on the plane; else of a small region, by how much
-    it disagrees with the road carried along.
-    """
-    direct, config = settings.direct, settings.region
-    if not past.known:
-        none, full = direct.alone_planar
-        doubt = float(np.clip((none - region.planar) / (none - full), 0.0, 1.0))
-        return doubt * direct.alone_pitch_rad, doubt * direct.alone_roll_rad
+    """1 sigma of pitch and roll [rad] of not being the road at all: of a small region, by how much it disagrees
+    with the road carried along."""
+    config = settings.region
     if past.carried is None or region.share >= config.leans_below:
         return 0.0, 0.0
     beyond = np.maximum(np.abs(leaning(found, past.carried, config)) - 1.0, 0.0)

@@ -16,7 +16,7 @@ from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.carried import NOTHING, Past
-from stereocalib_core.front.road.doubt import along_car, beside_the_step, in_doubt, leans, stepped
+from stereocalib_core.front.road.doubt import alone, along_car, beside_the_step, in_doubt, leans, step_m
 from stereocalib_core.front.road.notes import Notes
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
@@ -84,12 +84,14 @@ class Hint:
     past: by the rig, as it stood over the last ones. carried: the road of the last ones themselves, seen from where the
     car is now: over a crossing road, or one that leans, it is another one.
     heading_slope: x / z of the direction of straight travel: the tangent of the mount's yaw.
+    travel_m: how far the car came since the pair before.
     """
 
     past: Extrinsics | None = None
     carried: Extrinsics | None = None
     way: Way = Way()
     heading_slope: float = 0.0
+    travel_m: float = 0.0
 
     @property
     def before(self) -> Past:
@@ -124,14 +126,13 @@ def _with_region(
     region = grow(disparity, free, camera, plane, strips, config.sight, config.region)
     carried = hint.carried
     if region is not None and carried is not None:
-        kerb = stepped(region, carried, camera, config.region)
-        if kerb or leans(region, carried, camera, config.region):
+        off_m = step_m(region, carried, camera, hint.travel_m, config.region)
+        if off_m is not None or leans(region, carried, camera, config.region):
             start = carried.disparity_plane(camera)
             again = grow(disparity, free, camera, start, strips, config.sight, config.region)
-            beside = beside_the_step(again, carried, camera, config.region)
-            if beside is None and kerb:
-                pavement = "what lies ahead is a step off the road that the car came along: a pavement"
-                return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, pavement))
+            beside = beside_the_step(again, carried, camera, hint.travel_m, config.region)
+            if beside is None and off_m is not None:
+                return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, _off_the_road(off_m)))
             region = beside or region
     notes.lap("region")
     if region is None:
@@ -253,7 +254,8 @@ def finish_road(
         return _no_road(notes, road, config)
     _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
     carried = None if hint is None else hint.carried
-    sure = carried is not None and not stepped(region, carried, camera, config.region)
+    travel_m = 0.0 if hint is None else hint.travel_m
+    sure = carried is not None and step_m(region, carried, camera, travel_m, config.region) is None
     least = config.region.least_share_carried if sure else config.region.least_share_ahead
     enough = notes.check("region", "share of the way ahead", region.share, low=least)
     notes.check("region", "on the plane", region.planar)
@@ -278,6 +280,9 @@ def finish_road(
     failure = _believed(notes, found, config.limits)
     if failure is not None:
         return notes.end(road, failure)
+    # How well a plane is known decides; that a pair alone can't tell whose plane it is says nothing of that.
+    if direct is not None and not (hint or Hint()).before.known:
+        found = _doubted(found, alone(region, config.direct), region)
     e, covariance, inliers, crossfall_rad, along = found
     estimate = RoadEstimate(
         e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad, along=along
@@ -293,6 +298,12 @@ def _no_road(notes: Notes, road: RoadResult, config: PipelineConfig) -> RoadResu
     if turned > config.rectification.overhead:
         notes.checks.append(upside_down_check(turned, config.rectification))
     return notes.end(road, road.failure)
+
+
+def _off_the_road(higher_m: float) -> str:
+    """What is seen ahead, so much higher [m] than the road that the car came along."""
+    step = f"{100 * abs(higher_m):.0f} cm {'above' if higher_m > 0 else 'below'}"
+    return f"what is seen ahead lies {step} the road that the car came along: beyond a kerb, or on a hump"
 
 
 NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
@@ -331,12 +342,18 @@ def _by_alignment(
     crossfall = float(np.hypot(other, turning))
     way = region.strip if region.strip.curvature_per_m != 0.0 else hint.way
     along = along_car(crossfall, way, region.range_m)
-    pitch, roll = in_doubt(direct.extrinsics, region, hint.before, settings)
-    if pitch > 0.0 or roll > 0.0:
-        crossfall = float(np.hypot(crossfall, roll))
-        pitch = float(np.hypot(along[1], pitch))
-        along = (0.25 * sum(region.range_m) * pitch, pitch)
-    return direct.extrinsics, direct.covariance, inliers, crossfall, along
+    found = direct.extrinsics, direct.covariance, inliers, crossfall, along
+    return _doubted(found, in_doubt(direct.extrinsics, region, hint.before, settings), region)
+
+
+def _doubted(found: Found, doubt: tuple[float, float], region: Region) -> Found:
+    """The same with `doubt`, 1 sigma of pitch and roll [rad], of whether it is the road at all."""
+    extrinsics, covariance, inliers, crossfall, along = found
+    if doubt == (0.0, 0.0):
+        return found
+    pitch = float(np.hypot(along[1], doubt[0]))
+    along = (0.25 * sum(region.range_m) * pitch, pitch)
+    return extrinsics, covariance, inliers, float(np.hypot(crossfall, doubt[1])), along
 
 
 def _scaled(config: DirectConfig, region: Region) -> DirectConfig:
