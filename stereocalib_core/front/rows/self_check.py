@@ -155,7 +155,9 @@ def examine(
             if len(wide.points) > 1.5 * len(matches.points):
                 matches = wide
                 behind, ahead = _behind_and_ahead(camera, matches, config)
-    checks = [Check("rectification", "left-right matches", float(len(matches.points)))]
+    checks = [
+        Check("rectification", "left-right matches", float(len(matches.points)), low=config.min_matches)
+    ]
     if behind >= config.min_matches and behind > ahead:
         detail = f"{behind} of {behind + ahead} matches have negative disparity: left and right are swapped"
         share = behind / (behind + ahead)
