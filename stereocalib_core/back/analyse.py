@@ -150,7 +150,7 @@ def analyse_openly(
         shifts=shifts,
         lidar=lidar,
         causes=(
-            *calibration_of_others(yaw.value_rad, results, config.yaw),
+            *calibration_of_others(yaw.value_rad, pair.depth_scale, results, config.yaw, config.causes),
             *find_causes(results, config.causes),
         ),
         config=config,

@@ -19,7 +19,7 @@ from stereocalib_core.config.back import CausesConfig, YawConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.numeric.arrays import Array, Mask
 from stereocalib_core.numeric.robust import mad_sigma
-from stereocalib_core.results import Cause, FrameResult
+from stereocalib_core.results import Cause, DepthScale, FrameResult
 
 
 @dataclass(frozen=True)
@@ -135,15 +135,31 @@ def find_causes(results: Sequence[FrameResult], config: CausesConfig | None = No
 
 
 def calibration_of_others(
-    yaw_rad: float | None, results: Sequence[FrameResult], config: YawConfig
+    yaw_rad: float | None,
+    scale: DepthScale | None,
+    results: Sequence[FrameResult],
+    yaw_config: YawConfig,
+    config: CausesConfig,
 ) -> tuple[Cause, ...]:
-    """CALIBRATION over the whole drive where the camera seems to look far beside the car's way."""
-    if yaw_rad is None or abs(np.rad2deg(yaw_rad)) <= config.most_deg:
+    """CALIBRATION over the whole drive where the camera seems to look far beside the car's way.
+
+    And where what knows metres says that all depths are another multiple than a calibration is ever off by.
+    """
+    found = []
+    if yaw_rad is not None and abs(np.rad2deg(yaw_rad)) > yaw_config.most_deg:
+        aside = f"the camera seems to look {np.rad2deg(yaw_rad):+.1f} deg beside where the car goes"
+        found.append(f"{aside}, at most {yaw_config.most_deg:g}")
+    if scale is not None and abs(scale.value - 1.0) > max(config.most_scale, config.sigmas * scale.sigma):
+        whom = "LiDAR" if scale.source == "lidar" else "known path"
+        found.append(
+            f"by the {whom} true depths are {scale.value:.2f} times what is measured: so is focal length times "
+            f"baseline{'' if scale.source == 'lidar' else ', or the path is that of other frames'}"
+        )
+    if not found:
         return ()
     reason = FailureReason.CALIBRATION
     cause, remedy = REMEDIES[reason]
-    aside = f"the camera seems to look {np.rad2deg(yaw_rad):+.1f} deg beside where the car goes"
-    words = f"{cause} ({aside}, at most {config.most_deg:g})"
+    words = f"{cause} ({'; '.join(found)})"
     return (Cause(results[0].frame, results[-1].frame, str(reason), words, remedy),)
 
 

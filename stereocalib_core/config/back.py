@@ -311,3 +311,6 @@ class CausesConfig:
     """Good frames on either side whose number is told as well, where it is not the usual: half a second at 10 Hz."""
     named: int = 3
     """Numbers named with a cause: more are not read."""
+    most_scale: float = 0.15
+    """True depths over measured ones, less one: beyond it the calibration is one of other pictures or units. Source:
+    KITTI's are off by 1 to 3 %; pictures are resized by a fifth and more, inches and feet lie farther off."""

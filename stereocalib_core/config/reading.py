@@ -91,6 +91,9 @@ LARGEST_ZOOM, SMALLEST_ZOOM = 1.25, 0.4
 RESIZED = 0.08
 """Off the middle by so much (logarithm of the ratio), and by the same across and down: pictures that were resized after
 the calibration. Lenses sit within 3 % of the middle, and a cut takes away from one side."""
+SQUEEZED = 1.6
+"""The principal point so many times as far in as the middle, across or down (at four fifths): pictures that were
+squeezed along one side. A cut of sky leaves it high, what would leave it so low or so far right cuts off the road."""
 SAME_VIEW_RAD = float(np.deg2rad(0.1))
 """A rectification that turns the left camera by more shows another part of the scene: its focal length and
 principal point do not suit a picture that keeps the left camera's own axes."""

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stereocalib_core.back.causes import find_causes
+from stereocalib_core.back.causes import calibration_of_others, find_causes
 from stereocalib_core.back.remedies import REMEDIES
+from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.files.run_folder import load_run
 from stereocalib_core.geometry import Extrinsics
-from stereocalib_core.results import Check, FrameResult, RoadEstimate
+from stereocalib_core.results import Check, DepthScale, FrameResult, RoadEstimate
 from stereocalib_core.run.drive import run_drive
 
 STAGES = {
@@ -158,3 +159,32 @@ def test_where_no_frame_is_good_a_number_near_its_limit_tells() -> None:
     assert "clean the lens" in fog.remedy
     (blocked,) = find_causes([poor(i, 4.0) for i in range(12)])
     assert blocked.cause.startswith(REMEDIES[NO_ROAD][0])
+
+
+def test_lenses_with_drops_where_no_frame_is_good() -> None:
+    def wet(number: int) -> FrameResult:
+        checks = (
+            Check("image", "texture", 1.7, low=0.8),
+            Check("rectification", "left-right matches", 7, low=12),
+        )
+        return FrameResult(number, 0.1 * number, None, Failure(NO_ROAD, "so and so"), checks=checks)
+
+    (cause,) = find_causes([wet(i) for i in range(12)])
+    assert cause.cause.startswith("left and right have little in common: dirt or drops on a lens")
+    assert "left-right matches 7, where 12 is the least" in cause.cause
+
+
+@pytest.mark.parametrize(
+    ("scale", "sigma", "said"),
+    [(0.47, 0.002, True), (2.0, 0.01, True), (1.03, 0.002, False), (0.8, 0.06, False)],
+    ids=["squeezed", "half the focal length", "a usual calibration", "not sure"],
+)
+def test_depths_that_are_another_multiple_are_a_calibration_of_others(
+    scale: float, sigma: float, said: bool
+) -> None:
+    config, drive = PipelineConfig(), [frame(i) for i in range(9)]
+    found = calibration_of_others(None, DepthScale(scale, sigma, "truth"), drive, config.yaw, config.causes)
+    assert bool(found) is said
+    if found:
+        assert (found[0].reason, found[0].first, found[0].last) == ("CALIBRATION", 0, 8)
+        assert f"true depths are {scale:.2f} times what is measured" in found[0].cause

@@ -165,6 +165,17 @@ def test_a_calibration_of_other_pictures_is_named_with_the_scale(tmp_path: Path,
         open_source(str(sequence))
 
 
+def test_pictures_squeezed_to_half_their_width_are_named(tmp_path: Path) -> None:
+    sequence = odometry_drive(tmp_path / "kitti")
+    for side in ("image_0", "image_1"):
+        for path in (sequence / side).iterdir():
+            write_picture(path, cv2.resize(cv2.imread(str(path), 0), (WIDTH // 2, HEIGHT)))
+    with pytest.raises(
+        SourceError, match=r"squeezed.* of the width of .*stretch the pictures to a width of about"
+    ):
+        open_source(str(sequence))
+
+
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     dead = tmp_path / "dead"
     dead.mkdir()

@@ -24,6 +24,7 @@ from stereocalib_core.config.reading import (
     RESIZED,
     SAME_VIEW_RAD,
     SMALLEST_ZOOM,
+    SQUEEZED,
     TURNED_RAD,
 )
 from stereocalib_core.errors import SourceError
@@ -140,6 +141,15 @@ def _check_principal_point(target: RectifiedPair, size: Size, where: object) -> 
         remedy = f"the principal point ({cx:g}, {cy:g}) is the middle of about {other}, pictures are {width}x{height}: "
         remedy += f"scale focal length and principal point by {scale:.2f}, or state the size in a camera.yaml"
         raise SourceError("calibration of pictures of another size", where, remedy)
+    sides = ("x", cx, across, "width", width), ("y", cy, down, "height", height)
+    for name, at, ratio, side, length in sides:
+        if ratio > SQUEEZED:
+            remedy = (
+                f"the principal point's {name} of {at:g} lies at {ratio / 2:.0%} of the {side} of {length}: "
+            )
+            remedy += f"stretch the pictures to a {side} of about {ratio * length:.0f}"
+            remedy += ", or state their size in a camera.yaml"
+            raise SourceError("pictures squeezed, or cut, after their calibration", where, remedy)
 
 
 def ideal_target(pair: LensPair, size: Size | None) -> RectifiedPair:
