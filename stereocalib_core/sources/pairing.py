@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,9 @@ from stereocalib_core.config.reading import MOST_FRAMES
 from stereocalib_core.errors import Failure, FailureReason, SourceError
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.sources.pictures import PICTURE_SUFFIXES, PictureFormat, read_side
+
+KITTI_PAIRS = ((0, 1), (2, 3), (0, 3), (2, 1))
+"""Left and right of KITTI's four cameras, which look the same way: two grey, two colour, and one of each."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,22 @@ def pictures_in(folder: Path) -> dict[str, Path]:
         return {}
     names = (e.name for e in entries if not e.name.startswith(".") and e.is_file())
     return {Path(name).stem: folder / name for name in names if Path(name).suffix.lower() in PICTURE_SUFFIXES}
+
+
+def most_whole(folder_of: Callable[[int], Path], known: set[int]) -> tuple[int, int]:
+    """Of KITTI's cameras the pair with the most pictures on both sides; alike, grey before colour before one of each.
+
+    folder_of: where a camera's pictures lie. known: cameras with a projection in the calibration.
+    """
+    stems = {camera: set(pictures_in(folder_of(camera))) for camera in range(4)}
+    whole = {pair: len(stems[pair[0]] & stems[pair[1]]) for pair in KITTI_PAIRS}
+    there = [pair for pair in KITTI_PAIRS if whole[pair] > 0]
+    there = [pair for pair in there if set(pair) <= known] or there
+    if there:
+        return max(there, key=lambda pair: whole[pair])
+    # pictures on both sides, no two of one name: what is missing is said when they are paired
+    filled = [pair for pair in KITTI_PAIRS if all(stems[camera] for camera in pair)]
+    return next(iter([*filled, *(pair for pair in KITTI_PAIRS if folder_of(pair[0]).is_dir())]))
 
 
 def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:

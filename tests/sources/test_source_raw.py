@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,44 @@ def test_a_missing_right_picture_shifts_nothing(tmp_path: Path) -> None:
     assert frame.left is not None
     assert frame.right is not None
     assert (int(frame.left[0, 0]), int(frame.right[0, 0])) == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("there", "broken", "taken"),
+    [
+        ((0, 1, 2, 3), 1, (2, 3)),
+        ((0, 1, 2, 3), 3, (0, 1)),
+        ((0, 1, 2, 3), None, (0, 1)),
+        ((2, 3), None, (2, 3)),
+        ((0, 3), None, (0, 3)),
+        ((1, 2), None, (2, 1)),
+        ((0, 2, 3), None, (2, 3)),
+    ],
+    ids=lambda case: "".join(map(str, case)) if isinstance(case, tuple) else str(case),
+)
+def test_the_pair_that_is_whole_is_taken_with_its_own_projections(
+    tmp_path: Path, there: tuple[int, ...], broken: int | None, taken: tuple[int, int]
+) -> None:
+    """Grey and colour cameras in any mixture, one with a picture missing."""
+    drive = raw_drive(tmp_path, frames=4)
+    calibration = drive.parent / "calib_cam_to_cam.txt"
+    at_px = {0: 0.0, 1: -387.0, 2: 44.0, 3: -339.0}
+    lines = [line for line in calibration.read_text().splitlines() if not line.startswith("P_rect")]
+    f, cx, cy = 721.5, open_source(str(drive)).camera.cx_px, open_source(str(drive)).camera.cy_px
+    lines += [f"P_rect_0{k}: {f} 0 {cx} {at} 0 {f} {cy} 0 0 0 1 0" for k, at in at_px.items()]
+    calibration.write_text("\n".join(lines) + "\n")
+    for k in (2, 3):
+        shutil.copytree(drive / f"image_0{k - 2}", drive / f"image_0{k}")
+    for k in {0, 1, 2, 3} - set(there):
+        shutil.rmtree(drive / f"image_0{k}")
+    if broken is not None:
+        (drive / f"image_0{broken}" / "data" / "0000000002.png").unlink()
+    source = open_source(str(drive))
+    assert len(source) == 4
+    assert all(source[i].failure is None for i in range(4))
+    assert source.camera.baseline_m == pytest.approx((at_px[taken[0]] - at_px[taken[1]]) / f)
+    told = f"pictures of image_0{taken[0]} and image_0{taken[1]}"
+    assert (told in source.notices) == (taken != (0, 1))
 
 
 def test_without_oxts_or_lidar_or_their_calibration(tmp_path: Path) -> None:

@@ -12,9 +12,7 @@ from stereocalib_core.sources.calibrations import Found, kitti, read_calibration
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number
 from stereocalib_core.sources.lists import read_ground_truth, times_or_note
-from stereocalib_core.sources.pairing import match_pairs, pictures_in
-
-CAMERAS = ((0, 1), (2, 3))
+from stereocalib_core.sources.pairing import KITTI_PAIRS, match_pairs, most_whole
 
 
 def _pictures(folder: Path, camera: int) -> Path:
@@ -28,17 +26,9 @@ def _accepts(spec: Spec) -> bool:
     return (
         folder is not None
         and (folder / "calib.txt").is_file()
-        and any(_pictures(folder, pair[0]).is_dir() for pair in CAMERAS)
-        and not any((_pictures(folder, pair[0]) / "data").is_dir() for pair in CAMERAS)
+        and any(_pictures(folder, pair[0]).is_dir() for pair in KITTI_PAIRS)
+        and not any((_pictures(folder, pair[0]) / "data").is_dir() for pair in KITTI_PAIRS)
     )
-
-
-def _cameras(folder: Path, known: set[int]) -> tuple[int, int]:
-    """The pair to read: the first whose pictures and projections are there on both sides."""
-    there = [pair for pair in CAMERAS if all(pictures_in(_pictures(folder, camera)) for camera in pair)]
-    some = [pair for pair in CAMERAS if _pictures(folder, pair[0]).is_dir()]
-    whole = [pair for pair in there if set(pair) <= known]
-    return (whole or there or some)[0]
 
 
 def _poses_file(folder: Path) -> Path:
@@ -52,7 +42,7 @@ def _open(spec: Spec) -> Recording:
     folder = spec.folder
     calib_file = folder / "calib.txt"
     tree = kitti.read_lines(calib_file)
-    cameras = _cameras(folder, kitti.camera_numbers(tree))
+    cameras = most_whole(lambda camera: _pictures(folder, camera), kitti.camera_numbers(tree))
     left, right = (_pictures(folder, camera) for camera in cameras)
     # a synthetic drive that was written has truth for dropped frames as well, the first and the last included
     known = {path.stem for path in (folder / "disparity_gt").glob("*.png")}
@@ -69,7 +59,7 @@ def _open(spec: Spec) -> Recording:
             T = kitti.lidar_of(tree, cameras[0], calib_file)
         except SourceError as error:
             notices.append(f"LiDAR is not used: {error.what}, {error.remedy}")
-    if cameras != CAMERAS[0]:
+    if cameras != KITTI_PAIRS[0]:
         notices.append(f"pictures of {left.name} and {right.name}")
     if scans and T is None and not any("LiDAR" in note for note in notices):
         notices.append("velodyne scans without Tr in calib.txt: left unused")

@@ -20,7 +20,7 @@ from stereocalib_core.sources.calibrations.trees import Tree
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number
 from stereocalib_core.sources.lists import from_first, times_or_note
-from stereocalib_core.sources.pairing import Pairs, match_pairs, pictures_in
+from stereocalib_core.sources.pairing import KITTI_PAIRS, Pairs, match_pairs, most_whole, pictures_in
 from stereocalib_core.sources.picture_size import Size, size_of_file
 from stereocalib_core.system.text_file import read_text, to_numbers
 
@@ -32,7 +32,6 @@ VELODYNE_SWEEP = -1.0
 (readme of the raw recordings). The sense: descriptions of the recordings say counter-clockwise, the reader of KISS-ICP
 undoes a clockwise turn, and so fit the edges of raw 0009. It is told as likely, not as known (`sweep_belief`)."""
 OXTS_BYTES = 4096
-CAMERAS = ((0, 1), (2, 3))
 
 
 def _data(folder: Path, camera: int) -> Path:
@@ -40,14 +39,7 @@ def _data(folder: Path, camera: int) -> Path:
 
 
 def _accepts(spec: Spec) -> bool:
-    return spec.folder is not None and any(_data(spec.folder, pair[0]).is_dir() for pair in CAMERAS)
-
-
-def _cameras(folder: Path, known: set[int]) -> tuple[int, int]:
-    """The pair to read, grey first: both sides have pictures, and a projection in the calibration."""
-    there = [pair for pair in CAMERAS if all(pictures_in(_data(folder, camera)) for camera in pair)]
-    some = [pair for pair in CAMERAS if _data(folder, pair[0]).is_dir()]
-    return ([pair for pair in there if set(pair) <= known] or there or some)[0]
+    return spec.folder is not None and any(_data(spec.folder, pair[0]).is_dir() for pair in KITTI_PAIRS)
 
 
 def _open(spec: Spec) -> Recording:
@@ -62,7 +54,7 @@ def _open(spec: Spec) -> Recording:
             "no calibration of the drive's date", where, "download and unpack the calibration archive"
         )
     tree = {} if file is None else kitti.read_lines(file)
-    cameras = _cameras(folder, kitti.camera_numbers(tree))
+    cameras = most_whole(lambda camera: _data(folder, camera), kitti.camera_numbers(tree))
     if named:
         found = read_calibration(named, unit_of(spec.options))
     else:
@@ -82,7 +74,7 @@ def _open(spec: Spec) -> Recording:
         notices.append(f"velodyne scans without {CALIB_FILES[1]}: left unused")
     else:
         notices.append("no velodyne scans")
-    if cameras != CAMERAS[0]:
+    if cameras != KITTI_PAIRS[0]:
         notices.append(f"pictures of image_{cameras[0]:02d} and image_{cameras[1]:02d}")
     T_camera_imu = None if T_cam0_imu is None else _seen_from(T_cam0_imu, tree, cameras[0], file, notices)
     return recording(
