@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 import sys
 from collections.abc import Sequence
@@ -37,6 +38,9 @@ class Done:
     total_ms: float
 
 
+_KINDS = {kind: np.dtype(kind) for kind in ("<f8", "<f4", "<i2", "|b1")}
+
+
 class _Arrays:
     """Arrays put aside while the rest goes into JSON, which gets their place, type and shape."""
 
@@ -54,10 +58,12 @@ class _Arrays:
         if place is None:
             return None
         offset, kind, shape = place
-        if kind not in ("<f8", "<f4", "<i2", "|b1"):
+        if kind not in _KINDS:
             raise ValueError(kind)
-        count = int(np.prod(shape, dtype=np.int64))
-        return np.frombuffer(self.data, np.dtype(kind), count, offset).reshape(shape).copy()
+        count = math.prod(shape)
+        if count > len(self.data):
+            raise ValueError(count)
+        return np.frombuffer(self.data, _KINDS[kind], count, offset).reshape(shape).copy()
 
 
 def pack(done: Done) -> bytes:
@@ -139,8 +145,8 @@ def _limit(value: float | None) -> float | None:
 
 def _check(stored: dict[str, Any]) -> Check:
     """A check whose words are shared with those of all other frames: a long drive has hundreds of thousands."""
-    words = {name: sys.intern(stored[name]) for name in ("stage", "name", "unit")}
-    return Check(**{**stored, **words, "low": _limit(stored["low"]), "high": _limit(stored["high"])})
+    stage, name, unit = sys.intern(stored["stage"]), sys.intern(stored["name"]), sys.intern(stored["unit"])
+    return Check(stage, name, stored["value"], _limit(stored["low"]), _limit(stored["high"]), unit)
 
 
 def _tracks(arrays: _Arrays, stored: Sequence[Any], shelf: Shelf | None) -> Tracks:

@@ -33,6 +33,7 @@ from stereocalib_core.results import (
     Rig,
     Tolerance,
 )
+from stereocalib_core.system.collecting import without_collecting
 
 MAGIC = b"stereocalib checkpoint 7\n"
 _HEAD = struct.Struct("<II")
@@ -121,7 +122,8 @@ class Checkpoint(Sequence[Done]):
     def __getitem__(self, index: int | slice) -> Done | list[Done]:
         if isinstance(index, slice):
             shelf = Shelf()
-            return [self._read(i, shelf) for i in range(*index.indices(len(self)))]
+            with without_collecting():
+                return [self._read(i, shelf) for i in range(*index.indices(len(self)))]
         return self._read(range(len(self))[index])
 
     def _read(self, at: int, shelf: Shelf | None = None) -> Done:
@@ -204,9 +206,10 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Done], int]:
         raise OutputError("checkpoint without a header", path, "start afresh with --overwrite") from error
     frames, whole, shelf = [], first.end, Shelf()
     try:
-        for record in records:
-            frames.append(unpack(record.payload, shelf))
-            whole = record.end
+        with without_collecting():
+            for record in records:
+                frames.append(unpack(record.payload, shelf))
+                whole = record.end
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise OutputError("damaged checkpoint", path, "start afresh with --overwrite") from error
     begin = header.get("first frame", frames[0].result.frame if frames else 0)

@@ -71,17 +71,18 @@ def cluster(workers: int | None, scheduler: Scheduler | None, drives: int) -> It
         with _remote_client(distributed, scheduler) as client:
             yield client
         return
-    local = distributed.LocalCluster(
-        n_workers=workers or min(len(usable_cores()), drives),
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        protocol="tls://",
-        security=distributed.Security.temporary(),
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-        env={"NUMBA_NUM_THREADS": "1"},
-    )
+    with _memory_kept():
+        local = distributed.LocalCluster(
+            n_workers=workers or min(len(usable_cores()), drives),
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            protocol="tls://",
+            security=distributed.Security.temporary(),
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            env={"NUMBA_NUM_THREADS": "1"},
+        )
     client = distributed.Client(local)
     patience_s = CLOSE_TIMEOUT_S
     try:
@@ -95,6 +96,21 @@ def cluster(workers: int | None, scheduler: Scheduler | None, drives: int) -> It
             # the drives are done; what is left ends with this process
             with contextlib.suppress(TimeoutError):
                 part.close(timeout=patience_s)
+
+
+@contextlib.contextmanager
+def _memory_kept() -> Iterator[None]:
+    """Workers that are made now keep memory that they have freed for what comes next, as any other process does.
+
+    Dask tells theirs to give it back at once. Pictures come and go in every frame, and the system then clears every
+    page of them anew: a third of a frame's time.
+    """
+    import dask
+
+    place, trim = "distributed.nanny.pre-spawn-environ", "MALLOC_TRIM_THRESHOLD_"
+    kept = {name: value for name, value in dask.config.get(place, {}).items() if name != trim}
+    with dask.config.set({place: kept}):
+        yield
 
 
 def _remote_client(distributed: Any, scheduler: Scheduler) -> Any:

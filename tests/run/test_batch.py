@@ -256,6 +256,10 @@ def test_a_local_cluster_lets_no_other_process_in() -> None:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         assert client.submit(int, "7").result(timeout=60) == 7
+        trimmed = client.submit(os.environ.get, "MALLOC_TRIM_THRESHOLD_").result(timeout=60)
+        assert trimmed == os.environ.get(
+            "MALLOC_TRIM_THRESHOLD_"
+        )  # freed memory is kept as in any other process
         for spec, security in (
             (address.replace("tls://", "tcp://"), None),
             (address, distributed.Security.temporary()),

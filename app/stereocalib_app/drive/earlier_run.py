@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,12 +32,15 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS, door: Callable[[str], str
     """
     drive = load_run(folder)
     first = int(drive.frames.frame[0])
-    camera, finished, lost = whole_frames(folder, drive)
+    # both take seconds where there are tens of thousands of frames
+    with ThreadPoolExecutor(1, thread_name_prefix="opening") as aside:
+        opening = aside.submit(lambda: open_source(door(drive.source)))
+        camera, finished, lost = whole_frames(folder, drive)
     config, other_settings = saved_config(folder, drive)
     finished = [from_frame(done, first) for done in finished]
     span = None
     try:
-        whole = open_source(door(drive.source))
+        whole = opening.result()
         if drive.mended is not None:
             whole = mended_by(whole, drive.mended)
         stop = min(first + len(finished), len(whole))
@@ -63,16 +68,14 @@ def whole_frames(folder: Path, drive: Drive) -> tuple[StereoCamera | None, list[
     """Camera and frames of frames.bin, where it is there and whole; else no camera, the frames of
     extrinsics.csv, and what is lost by that."""
     path = folder / FRAMES
-    numbers = [Done(result, FrontEndMemory(None, None), 0.0) for result in drive.frames.results()]
-    if not path.is_file():
-        return None, numbers, ()
-    try:
-        camera, finished = read_frames(path)
-        if len(finished) == len(drive.frames):
-            return camera, finished, ()
-    except StereoCalibError:
-        pass
-    return None, numbers, (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
+    lost: tuple[str, ...] = ()
+    if path.is_file():
+        with contextlib.suppress(StereoCalibError):
+            camera, finished = read_frames(path)
+            if len(finished) == len(drive.frames):
+                return camera, finished, ()
+        lost = (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
+    return None, [Done(result, FrontEndMemory(None, None), 0.0) for result in drive.frames.results()], lost
 
 
 def saved_config(folder: Path, drive: Drive) -> tuple[PipelineConfig, tuple[str, ...]]:

@@ -19,7 +19,7 @@ from stereocalib_core.sources.calibrations import kitti, read_calibration
 from stereocalib_core.sources.calibrations.rectify import opened
 from stereocalib_core.sources.format import Format, SourceKind, Spec
 from stereocalib_core.sources.lidar_scans import scans_by_number, with_scan
-from stereocalib_core.sources.pairing import PairReader, Pairs, content_key, match_pairs, pictures_in
+from stereocalib_core.sources.pairing import PairReader, Pairs, content_key, has_pictures, match_pairs
 from stereocalib_core.sources.picture_size import size_of_file
 from stereocalib_core.sources.pictures import PictureFormat, survey
 
@@ -49,7 +49,7 @@ def _accepts(spec: Spec) -> bool:
 def _open(spec: Spec) -> Recording:
     assert spec.folder is not None
     folder = spec.folder
-    both = [f for f in FOLDERS if all(pictures_in(folder / name) for name in f[:2])]
+    both = [f for f in FOLDERS if all(has_pictures(folder / name) for name in f[:2])]
     if not both:
         present = [name for f in FOLDERS for name in f[:2] if (folder / name).is_dir()]
         raise SourceError("pictures of one camera only", folder, f"{', '.join(present)} needs its other side")
