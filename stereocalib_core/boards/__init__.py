@@ -1,7 +1,7 @@
 """Camera to 3-D LiDAR by chessboard planes (Zheng et al. 2018, and beyond it).
 
 `detect` looks at every picture and cloud once; `calibrate` solves for any choice of the pairs in
-milliseconds; `run` does both from a folder and writes the report.
+milliseconds; `judge` says what may be trusted.
 """
 
 import numpy as np
@@ -20,12 +20,12 @@ from stereocalib_core.boards.outline import overlaps
 from stereocalib_core.boards.pcd import lzf_decompress
 from stereocalib_core.boards.point_sums import warm_up as warm_up_sums
 from stereocalib_core.boards.refine import Iteration
-from stereocalib_core.boards.run import NothingToSolve, files_of, run, solve
+from stereocalib_core.boards.run import solve
 
 __all__ = [
     "Answer", "BoardCamera", "BoardFolder", "BoardSpec", "Calibration", "Detection", "HeldOut", "Iteration", "Memo",
-    "Noise", "NothingToSolve", "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect",
-    "files_of", "judge", "lines", "open_folder", "run", "solve", "state_of", "ticked_mask", "warm_up",
+    "Noise", "Observability", "PairObservation", "PairResult", "PlaneEstimate", "calibrate", "detect",
+    "judge", "lines", "open_folder", "solve", "state_of", "ticked_mask", "warm_up",
 ]  # fmt: skip
 
 

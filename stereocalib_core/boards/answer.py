@@ -49,7 +49,7 @@ def judge(
     result: Calibration,
     accept: int | None = None,
     quick: bool = False,
-    advise: bool = False,
+    advise: bool | None = None,
 ) -> Answer:
     """Findings and verdict together; with `accept` so many agreeing pairs are enough, however many are refused.
 

@@ -7,18 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from stereocalib_core.config.scene import (
+    DAMPING,
+    FRAME_RATE_HZ,
+    LOAD,
+    NATURAL_HZ,
+    PITCH_PER_BRAKING,
+    ROLL_PER_LATERAL,
+    ROUGH,
+)
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.simulator.path import FRAME_RATE_HZ, Motion
-
-_PITCH_PER_BRAKING = np.deg2rad(0.22)
-"""Nose down [rad] per m/s^2 of braking."""
-_ROLL_PER_LATERAL = np.deg2rad(0.20)
-"""The body leans outward: horizon falls to the right by this [rad] per m/s^2 towards the right."""
-_NATURAL_HZ, _DAMPING = 1.4, 0.35
-_ROUGH = (0.006, float(np.deg2rad(0.09)), float(np.deg2rad(0.06)))
-"""What an uneven road adds at full speed, as standard deviations of height [m], pitch and roll [rad]."""
-_LOAD = (-0.015, -float(np.deg2rad(0.25)), 0.0)
-"""What a full boot adds to height [m], pitch and roll [rad]."""
+from stereocalib_core.simulator.path import Motion
 
 
 @dataclass(frozen=True)
@@ -34,14 +33,14 @@ def ride(motion: Motion, amount: float, load: float, seed: int) -> BodyMotion:
     """The body's motion along a drive; `amount` 0 is a rigid car, `load` 1 a full boot."""
     n = len(motion.time_s)
     rng = np.random.default_rng([seed, 21])
-    height = np.full(n, load * _LOAD[0])
-    pitch = np.full(n, load * _LOAD[1])
-    roll = np.full(n, load * _LOAD[2])
+    height = np.full(n, load * LOAD[0])
+    pitch = np.full(n, load * LOAD[1])
+    roll = np.full(n, load * LOAD[2])
     if amount > 0:
-        rough = [_filtered_noise(n, rng) * size * np.minimum(motion.speed / 8.0, 1.2) for size in _ROUGH]
+        rough = [_filtered_noise(n, rng) * size * np.minimum(motion.speed / 8.0, 1.2) for size in ROUGH]
         height = height + amount * rough[0]
-        pitch = pitch + amount * (spring(-_PITCH_PER_BRAKING * motion.acceleration) + rough[1])
-        roll = roll + amount * (spring(_ROLL_PER_LATERAL * motion.lateral) + rough[2])
+        pitch = pitch + amount * (spring(-PITCH_PER_BRAKING * motion.acceleration) + rough[1])
+        roll = roll + amount * (spring(ROLL_PER_LATERAL * motion.lateral) + rough[2])
     return BodyMotion(height, pitch, roll)
 
 
@@ -51,14 +50,14 @@ def spring(target: Array) -> Array:
         return target
     fine = 20
     dt = 1.0 / FRAME_RATE_HZ / fine
-    omega = 2 * np.pi * _NATURAL_HZ
+    omega = 2 * np.pi * NATURAL_HZ
     goal = np.interp(np.arange(fine * len(target)) / fine, np.arange(len(target)), target)
     result = np.empty(len(target))
     x, v = float(target[0]), 0.0
     for i, g in enumerate(goal.tolist()):
         if i % fine == 0:
             result[i // fine] = x
-        v += dt * (omega**2 * (g - x) - 2 * _DAMPING * omega * v)
+        v += dt * (omega**2 * (g - x) - 2 * DAMPING * omega * v)
         x += dt * v
     return result
 

@@ -7,19 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
+from stereocalib_core.config.scene import AHEAD_M, PLANE_M, RAMP_AHEAD_M, STRAIGHT_M, TRACK_M, WHEELBASE_M
 from stereocalib_core.geometry import Extrinsics, Plane, invert_transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import path as paths
 from stereocalib_core.simulator.body import ride
 from stereocalib_core.simulator.faults import AXES, Fault, offsets
-from stereocalib_core.simulator.ground import AHEAD_M, Ground, Ramp, build_ground
+from stereocalib_core.simulator.ground import Ground, Ramp, build_ground
 from stereocalib_core.simulator.path import Course, Motion
 from stereocalib_core.simulator.pose_path import course_from_poses
 from stereocalib_core.simulator.settings import DriveSettings
-
-_WHEELBASE_M, _TRACK_M = 2.71, 1.5
-_STRAIGHT_M, _PLANE_M = 300.0, 200.0
-_RAMP_AHEAD_M = 14.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ def _built_in(name: str) -> tuple[Course, Motion]:
     if name == "curves":
         course = paths.curves_course()
         return course, _until(paths.constant_speed(course, 7.5, 1.0), course)
-    length = _STRAIGHT_M if name == "straight" else _PLANE_M
+    length = STRAIGHT_M if name == "straight" else PLANE_M
     course = paths.straight_course(length + AHEAD_M + 20.0)
     return course, _until(paths.constant_speed(course, 9.0, 1.5), course)
 
@@ -102,9 +99,9 @@ def _until(motion: Motion, course: Course) -> Motion:
 
 
 def _ramp(fault: Fault, motion: Motion, course: Course, frames: int) -> Ramp:
-    start = float(motion.s_m[min(fault.first, len(motion.s_m) - 1)]) + _RAMP_AHEAD_M
+    start = float(motion.s_m[min(fault.first, len(motion.s_m) - 1)]) + RAMP_AHEAD_M
     last = frames - 1 if fault.last is None else min(fault.last, len(motion.s_m) - 1)
-    return Ramp(start, max(float(motion.s_m[last]) + _RAMP_AHEAD_M, start + 34.0))
+    return Ramp(start, max(float(motion.s_m[last]) + RAMP_AHEAD_M, start + 34.0))
 
 
 def _mounts(settings: DriveSettings, motion: Motion) -> Array:
@@ -121,14 +118,14 @@ def _mounts(settings: DriveSettings, motion: Motion) -> Array:
 
 def _vehicle_poses(ground: Ground, s_m: Array, settings: DriveSettings) -> Array:
     """(N, 4, 4) T_world_vehicle with the rear axle at s; the origin is on the wheels' plane under the camera."""
-    half = _TRACK_M / 2
-    rear, front = s_m[:, None], s_m[:, None] + _WHEELBASE_M
+    half = TRACK_M / 2
+    rear, front = s_m[:, None], s_m[:, None] + WHEELBASE_M
     y = ground.surface(
         np.concatenate([rear, rear, front, front], axis=1), np.array([-half, half, -half, half])
     )[..., 1]
     heading = ground.course.at(ground.course.heading_rad, s_m)
-    rise = 0.5 * (y[:, 2] + y[:, 3] - y[:, 0] - y[:, 1]) / _WHEELBASE_M
-    tilt = 0.5 * (y[:, 1] + y[:, 3] - y[:, 0] - y[:, 2]) / _TRACK_M
+    rise = 0.5 * (y[:, 2] + y[:, 3] - y[:, 0] - y[:, 1]) / WHEELBASE_M
+    tilt = 0.5 * (y[:, 1] + y[:, 3] - y[:, 0] - y[:, 2]) / TRACK_M
     forward = np.stack([np.sin(heading), rise, np.cos(heading)], axis=1)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     right = np.stack([np.cos(heading), tilt, -np.sin(heading)], axis=1)

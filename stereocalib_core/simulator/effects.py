@@ -8,16 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import DIRTY_SHARE, GLARE, HEADLIGHTS, NIGHT_LIGHT, NIGHT_NOISE
 from stereocalib_core.simulator.faults import Fault, any_active
 from stereocalib_core.simulator.textures import tileable_noise
 
 Grey = NDArray[np.float32]
-
-NIGHT_NOISE = 3.5
-"""Factor on the sensor's noise at night: the gain is up."""
-_NIGHT_LIGHT, _HEADLIGHTS = 0.035, 0.32
-_GLARE = 520.0
-_DIRTY_SHARE = 0.45
 
 
 def spoil(grey: Grey, faults: tuple[Fault, ...], frame: int, side: int, seed: int) -> Grey:
@@ -43,7 +38,7 @@ def night(grey: Grey) -> Grey:
     height, width = grey.shape
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     cone = np.exp(-(((x / width - 0.5) / 0.28) ** 2) - ((y / height - 0.78) / 0.24) ** 2)
-    return (grey * (_NIGHT_LIGHT + _HEADLIGHTS * cone) + 3.0).astype(np.float32)
+    return (grey * (NIGHT_LIGHT + HEADLIGHTS * cone) + 3.0).astype(np.float32)
 
 
 def rain(grey: Grey, seed: int, frame: int, side: int) -> Grey:
@@ -73,7 +68,7 @@ def glare(grey: Grey) -> Grey:
     height, width = grey.shape
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     away = np.hypot(x - 0.56 * width, 1.25 * (y - 0.22 * height)) / width
-    light = _GLARE * np.exp(-((away / 0.10) ** 2)) + 0.55 * _GLARE * np.exp(-away / 0.16) + 25
+    light = GLARE * np.exp(-((away / 0.10) ** 2)) + 0.55 * GLARE * np.exp(-away / 0.16) + 25
     for k, size in ((0.3, 0.03), (-0.25, 0.05), (-0.6, 0.08)):
         ghost = np.hypot(x - width * (0.5 + 0.06 * k), y - height * (0.5 - 0.28 * k)) / width < size
         light = light + 18 * ghost
@@ -86,7 +81,7 @@ def _dirt_mask(height: int, width: int, seed: int) -> Grey:
     rng = np.random.default_rng([seed, 53])
     small = tileable_noise((256, 512), [(24, 0.25), (60, 0.7), (160, 1.0)], rng)
     noise = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC))
-    edge = float(np.quantile(noise, 1 - _DIRTY_SHARE))
+    edge = float(np.quantile(noise, 1 - DIRTY_SHARE))
     return np.asarray(np.clip((noise - edge) / 0.35 + 0.5, 0, 1), dtype=np.float32)
 
 

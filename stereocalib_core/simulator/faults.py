@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import LARGEST_FAULT
 from stereocalib_core.errors import ConfigError
 
 AXES = ("height", "pitch", "roll", "yaw", "x", "z")
@@ -28,7 +29,6 @@ SIZED = {
 PLAIN = ("dirt", "glare", "drop", "swap", "freeze", "low_texture", "rain", "night", "truck", "ramp")
 KINDS = (*SIZED, *PLAIN)
 _MOMENTARY = ("drop", "swap", "freeze")
-_LARGEST = {"deg": 30.0, "m": 5.0}
 _PATTERN = re.compile(
     r"(?P<kind>[a-z_]+)(?::(?P<axis>[a-z]+)=(?P<size>[^@]+))?(?:@(?P<first>\d+)(?:-(?P<last>\d+))?)?"
 )
@@ -89,8 +89,10 @@ def parse_fault(text: str) -> Fault:
         size = float(match["size"])
     except ValueError:
         raise ConfigError("fault has a size that is no number", where, f"give it in {unit}") from None
-    if not math.isfinite(size) or abs(size) > _LARGEST[unit]:
-        raise ConfigError("fault has an impossible size", where, f"stay within {_LARGEST[unit]:g} {unit}")
+    if not math.isfinite(size) or abs(size) > LARGEST_FAULT[unit]:
+        raise ConfigError(
+            "fault has an impossible size", where, f"stay within {LARGEST_FAULT[unit]:g} {unit}"
+        )
     return Fault(kind, axis, size, first, last)
 
 

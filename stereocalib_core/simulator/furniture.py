@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from stereocalib_core.config.scene import CAR_TONES, CLEAR_M, HOUSES, TREES
 from stereocalib_core.geometry import rotation_y
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import meshes, painting
 from stereocalib_core.simulator.drive import Drive
 from stereocalib_core.simulator.meshes import Mesh
 from stereocalib_core.simulator.roadmap import RoadMap, course_tree
-
-_CAR_TONES = (0.22, 0.35, 0.6, 0.95, 1.15, 1.5, 1.75)
-_TREES, _HOUSES = 5, 10
-_CLEAR_M = 7.6
-"""No house or hedge comes nearer to any part of the course."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def templates(seed: int, first: int) -> tuple[tuple[NDArray[np.uint8], ...], dic
     kinds: dict[str, Mesh] = {}
     for k, parts in enumerate(cars):
         kinds[f"car{k}"] = meshes.car(*parts, style=k)
-    for k in range(_HOUSES):
+    for k in range(HOUSES):
         eaves = (3.1, 5.9, 5.9, 8.4)[k % 4]
         size = float(rng.uniform(9, 15)), float(rng.uniform(8, 11))
         kinds[f"house{k}"] = meshes.house(
@@ -79,7 +75,7 @@ def templates(seed: int, first: int) -> tuple[tuple[NDArray[np.uint8], ...], dic
             float(rng.uniform(0.8, 1.25)),
             float(rng.uniform(0.6, 1.2)),
         )
-    for k in range(_TREES):
+    for k in range(TREES):
         crown, tall = rng.uniform(1.7, 3.6), rng.uniform(3.5, 7.0)
         kinds[f"tree{k}"] = meshes.tree(
             rng, bark, leaves, float(rng.uniform(1.6, 2.6)), float(crown), float(tall), int(21 * crown)
@@ -142,7 +138,7 @@ def furnish(
             t = t if rng.random() < 0.65 else side * rng.uniform(8.5, 11.5)
             position = course.points(s, t)
             if free(position, 0.3, 5.6):
-                kind = f"tree{rng.integers(0, _TREES)}"
+                kind = f"tree{rng.integers(0, TREES)}"
                 thing = stand(kind, s, t, float(rng.uniform(0, 6.28)), float(rng.uniform(0.75, 1.1)))
                 top = -float(kinds[kind].vertices[..., 1].min())
                 crown = float(np.abs(kinds[kind].vertices[..., 0]).max())
@@ -193,7 +189,7 @@ def _houses(
     for side in (-1, 1):
         s = 0.0
         while s < course.length_m - 4:
-            kind = f"house{rng.integers(0, _HOUSES)}"
+            kind = f"house{rng.integers(0, HOUSES)}"
             v = kinds[kind].vertices
             width, depth = float(np.ptp(v[..., 0])), float(v[..., 2].max())
             front = (11.2 if side < 0 else 9.8) + rng.uniform(0, 3.0)
@@ -204,7 +200,7 @@ def _houses(
             corners = local @ rotation_y(heading).T + base
             middle = corners[4]
             radius = 0.5 * min(width, depth)
-            clear = near.query(corners[:, [0, 2]])[0].min() > _CLEAR_M
+            clear = near.query(corners[:, [0, 2]])[0].min() > CLEAR_M
             apart = all(np.hypot(*(middle - p)[[0, 2]]) > radius + r + 1.0 for p, r in taken)
             if clear and apart:
                 turned = np.pi / 2 if side > 0 else -np.pi / 2
@@ -230,7 +226,7 @@ def _parked(
         if rng.random() < 0.55:
             kind = f"car{rng.integers(0, 2)}"
             turned = float(rng.normal(0, 0.02))
-            thing = stand(kind, s, 2.95 + rng.normal(0, 0.06), turned, float(rng.choice(_CAR_TONES)))
+            thing = stand(kind, s, 2.95 + rng.normal(0, 0.06), turned, float(rng.choice(CAR_TONES)))
             outline = kinds[kind].vertices.reshape(-1, 3) @ thing.rotation.T + thing.position
             road.shadow(outline, s, sun, 70)
             flat = outline.copy()

@@ -11,28 +11,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.simulator.path import STEP_M, Course
-
-LEFT_KERB_M, RIGHT_KERB_M = -5.25, 4.0
-LANE_EDGE_M, CROWN_M = 1.75, -1.75
-PAVEMENT_LEFT_M, PAVEMENT_RIGHT_M = -8.0, 6.6
-HALF_WIDTH_M = 12.8
-_KERB_WIDTH_M = 0.12
-KERB_HEIGHT_M = 0.12
-HUMP_LENGTH_M, HUMP_HEIGHT_M = 3.6, 0.06
-_CAMBER_DROP_M = 0.03
-"""How much lower a lane's edge is than the crown."""
-_FLAT_CURVATURE = 0.02
-"""From this curvature [1/m] on a bend has no crown at all."""
-_FIT_SPREAD_M = 12.0
-COLUMNS_M = np.array(
-    [-12.8, -8.0, -5.37, -5.25, -4.3, -3.4, -2.6, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 4.0, 4.12, 6.6, 12.8]
+from stereocalib_core.config.scene import (
+    AHEAD_M,
+    BEHIND_M,
+    CAMBER_DROP_M,
+    COLUMNS_M,
+    CROWN_M,
+    FIT_FAR_M,
+    FIT_NEAR_M,
+    FIT_SPREAD_M,
+    FLAT_CURVATURE,
+    HUMP_HEIGHT_M,
+    HUMP_LENGTH_M,
+    KERB_HEIGHT_M,
+    KERB_WIDTH_M,
+    LANE_EDGE_M,
+    LEFT_KERB_M,
+    RIGHT_KERB_M,
+    STEP_M,
 )
-"""Offsets t of the mesh's columns, to the right of the middle of the car's own lane."""
-AHEAD_M, BEHIND_M = 140.0, 12.0
-"""How much of the ribbon is drawn from the car."""
-FIT_NEAR_M, FIT_FAR_M = 4.0, 20.0
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.simulator.path import Course
 
 
 @dataclass(frozen=True)
@@ -140,9 +139,9 @@ def _middles(low: float, high: float, count: int) -> Array:
 
 def _crown_share(course: Course) -> Array:
     """How much of the crown is left at every sample of the course: bends are flat across, as roads are built."""
-    bend = np.clip(np.abs(course.curvature) / _FLAT_CURVATURE, 0.0, 1.0)
+    bend = np.clip(np.abs(course.curvature) / FLAT_CURVATURE, 0.0, 1.0)
     mode = "wrap" if course.closed else "nearest"
-    spread = maximum_filter1d(bend, round(_FIT_SPREAD_M / STEP_M), mode=mode)
+    spread = maximum_filter1d(bend, round(FIT_SPREAD_M / STEP_M), mode=mode)
     return 1.0 - gaussian_filter1d(spread, 4.0 / STEP_M, mode=mode)
 
 
@@ -171,9 +170,9 @@ def build_ground(
         off = np.abs(t - CROWN_M) / half
         crown = np.where(off < 1.0, off**2, 2 * off - 1.0) - (CROWN_M / half) ** 2
         edge = np.maximum(t - RIGHT_KERB_M, LEFT_KERB_M - t)
-        kerb = np.clip(edge / _KERB_WIDTH_M, 0.0, 1.0) * KERB_HEIGHT_M
+        kerb = np.clip(edge / KERB_WIDTH_M, 0.0, 1.0) * KERB_HEIGHT_M
         share = course.at(_crown_share(course), s_m % course.length_m if course.closed else s_m)
-        height = height + camber * share * _CAMBER_DROP_M * np.minimum(crown, 1.5) - kerb
+        height = height + camber * share * CAMBER_DROP_M * np.minimum(crown, 1.5) - kerb
         on_road = (t > LEFT_KERB_M - 0.01) & (t < RIGHT_KERB_M + 0.01)
         for hump in humps_s_m:
             away = np.abs((s_m - hump + course.length_m / 2) % course.length_m - course.length_m / 2)

@@ -12,20 +12,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import (
+    AZIMUTHS,
+    BEAMS,
+    HIGHEST_DEG,
+    LOWEST_DEG,
+    RANGE_M,
+    RANGE_NOISE_M,
+    SCAN_CY_PX,
+    SCAN_FOCAL_PX,
+    SCAN_HEIGHT_PX,
+    SCAN_WIDTH_PX,
+)
 from stereocalib_core.geometry import invert_transform, rotation_x, rotation_y, rotation_z, transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.faults import offsets
 from stereocalib_core.simulator.renderer import Canvas, list_draws
 from stereocalib_core.simulator.world import World, moving
-
-BEAMS, AZIMUTHS = 64, 1800
-HIGHEST_DEG, LOWEST_DEG = 2.0, -24.8
-RANGE_M = (2.0, 90.0)
-RANGE_NOISE_M = 0.02
-_WIDTH, _HEIGHT = 640, 400
-_FOCAL = 320.0
-_CY = 120.0
 
 
 def _mounting() -> Array:
@@ -75,7 +79,7 @@ class SpinningLidar:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._canvas = Canvas(_WIDTH, _HEIGHT)
+        self._canvas = Canvas(SCAN_WIDTH_PX, SCAN_HEIGHT_PX)
         elevation = np.deg2rad(np.linspace(HIGHEST_DEG, LOWEST_DEG, BEAMS))[:, None]
         azimuth = np.linspace(0.0, -2 * np.pi, AZIMUTHS, endpoint=False)[None, :]
         self._directions = np.stack(
@@ -112,7 +116,7 @@ class SpinningLidar:
         ranges = np.zeros(len(self._directions))
         intensities = np.zeros(len(self._directions))
         forward = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-        K = (_FOCAL, (_WIDTH - 1) / 2, _CY)
+        K = (SCAN_FOCAL_PX, (SCAN_WIDTH_PX - 1) / 2, SCAN_CY_PX)
         for turn in range(4):
             R_lidar_view = rotation_z(turn * np.pi / 2) @ forward
             T_view = T_world_lidar @ transform(R_lidar_view, np.zeros(3))

@@ -12,16 +12,17 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import fsolve
 
+from stereocalib_core.config.scene import (
+    ACCELERATION,
+    BEND_RAMP_M,
+    BRAKING,
+    FRAME_RATE_HZ,
+    LATERAL_LIMIT,
+    SPEED_MAX,
+    STEP_M,
+    STOP_S,
+)
 from stereocalib_core.numeric.arrays import Array
-
-STEP_M = 0.05
-"""Distance between samples of a course."""
-FRAME_RATE_HZ = 10.0
-_RAMP_M = 7.0
-_LATERAL_LIMIT = 2.4
-_SPEED_MAX = 11.0
-_ACCELERATION, _BRAKING = 1.5, 2.0
-_STOP_S = 2.5
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ def from_curvature(curvature: Array, closed: bool) -> Course:
 def _bend(angle_deg: float, radius_m: float) -> Array:
     """Curvature of a bend with linear ramps at both ends."""
     peak = 1.0 / radius_m
-    arc = np.deg2rad(abs(angle_deg)) / peak - _RAMP_M
-    n_ramp, n_arc = round(_RAMP_M / STEP_M), max(round(arc / STEP_M), 1)
+    arc = np.deg2rad(abs(angle_deg)) / peak - BEND_RAMP_M
+    n_ramp, n_arc = round(BEND_RAMP_M / STEP_M), max(round(arc / STEP_M), 1)
     ramp = (np.arange(n_ramp) + 0.5) / n_ramp
     shape = np.concatenate([ramp, np.ones(n_arc), ramp[::-1]])
     shape *= np.deg2rad(angle_deg) / (shape.sum() * STEP_M)
@@ -159,7 +160,7 @@ class Motion:
 def drive_along(course: Course, start_speed: float, stop_at_m: float | None) -> Motion:
     """The speed profile: bends slow the car, straights let it go, and it may stop once and start again."""
     s: Array = STEP_M * np.arange(len(course.x_m), dtype=np.float64)
-    limit = np.minimum(_SPEED_MAX, np.sqrt(_LATERAL_LIMIT / np.maximum(np.abs(course.curvature), 1e-4)))
+    limit = np.minimum(SPEED_MAX, np.sqrt(LATERAL_LIMIT / np.maximum(np.abs(course.curvature), 1e-4)))
     limit[0] = min(limit[0], start_speed)
     if course.closed:
         limit[-1] = min(limit[-1], start_speed)
@@ -168,12 +169,12 @@ def drive_along(course: Course, start_speed: float, stop_at_m: float | None) -> 
         limit[halt] = 0.1
     v2 = limit**2
     for i in range(1, len(v2)):
-        v2[i] = min(v2[i], v2[i - 1] + 2 * _ACCELERATION * STEP_M)
+        v2[i] = min(v2[i], v2[i - 1] + 2 * ACCELERATION * STEP_M)
     for i in range(len(v2) - 2, -1, -1):
-        v2[i] = min(v2[i], v2[i + 1] + 2 * _BRAKING * STEP_M)
+        v2[i] = min(v2[i], v2[i + 1] + 2 * BRAKING * STEP_M)
     t = np.concatenate([[0.0], np.cumsum(2 * STEP_M / (np.sqrt(v2[1:]) + np.sqrt(v2[:-1])))])
     if halt is not None:
-        t[halt + 1 :] += _STOP_S
+        t[halt + 1 :] += STOP_S
     return _timed(course, t, s)
 
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from stereocalib_core.config.scene import AHEAD_M, BEHIND_M, SMOOTH_BANK_M, SMOOTH_HEIGHT_M, SMOOTH_M, STEP_M
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import Extrinsics, transform
 from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
-from stereocalib_core.simulator.path import STEP_M, Course
-
-_SMOOTH_M, _SMOOTH_HEIGHT_M, _SMOOTH_BANK_M = 2.0, 10.0, 12.0
+from stereocalib_core.simulator.path import Course
 
 
 def read_poses(path: str) -> Array:
@@ -55,8 +53,8 @@ def course_from_poses(path: str, mount: Extrinsics) -> tuple[Course, Array, Arra
     )
     fine = np.arange(0.0, way[-1], STEP_M)
     x, y, z, tilt = (np.interp(fine, way, values[keep]) for values in (*positions.T, bank))
-    x, y, z = _extended(x, _SMOOTH_M), _extended(y, _SMOOTH_HEIGHT_M), _extended(z, _SMOOTH_M)
-    tilt = gaussian_filter1d(np.pad(tilt, _margins(), mode="edge"), _SMOOTH_BANK_M / STEP_M)
+    x, y, z = _extended(x, SMOOTH_M), _extended(y, SMOOTH_HEIGHT_M), _extended(z, SMOOTH_M)
+    tilt = gaussian_filter1d(np.pad(tilt, _margins(), mode="edge"), SMOOTH_BANK_M / STEP_M)
     dx, dy, dz = np.gradient(x), np.gradient(y), np.gradient(z)
     step = np.hypot(dx, dz)
     s = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(z)))])

@@ -7,26 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import (
+    AHEAD_M,
+    AMBIENT,
+    BEHIND_M,
+    HAZE_GREY,
+    MOST_VISIBLE,
+    SEEN_M,
+    SUN,
+    SUNLIGHT,
+)
 from stereocalib_core.geometry import StereoCamera, invert_transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.wide import DOUBLES, FLOATS
 from stereocalib_core.simulator import raster
 from stereocalib_core.simulator.furniture import Instance
-from stereocalib_core.simulator.ground import AHEAD_M, BEHIND_M
 from stereocalib_core.simulator.shade import KINDS, measure, shade, sort_kinds
-from stereocalib_core.simulator.world import (
-    AMBIENT,
-    SUN,
-    SUNLIGHT,
-    TEXTURE_GRAIN,
-    TEXTURE_MAP,
-    TEXTURE_SKY,
-    World,
-)
-
-FAR_M = 170.0
-_MAX_VISIBLE = 60_000
-_HAZE_GREY = 190.0
+from stereocalib_core.simulator.world import TEXTURE_GRAIN, TEXTURE_MAP, TEXTURE_SKY, World
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def _in_sight(world: World, T_camera_world: Array, lens: float) -> list[Instance
         return []
     centers = world.positions @ T_camera_world[:, :3].T + T_camera_world[:, 3]
     x, z, radius = np.abs(centers[:, 0]), centers[:, 2], world.radii
-    near = np.linalg.norm(centers, axis=1) - radius <= FAR_M
+    near = np.linalg.norm(centers, axis=1) - radius <= SEEN_M
     inside = (z >= -radius) & (x - radius * np.hypot(1.0, lens) <= np.maximum(z, 0.0) * lens)
     return [world.standing[k] for k in np.flatnonzero(near & inside)]
 
@@ -104,10 +101,10 @@ class Canvas:
         # a register may reach beyond the end
         self.ids = np.empty(h * w + 2 * FLOATS, np.int32)[: h * w].reshape(h, w)
         self._inverse_depth = np.empty(h * w + 2 * FLOATS, np.float32)[: h * w].reshape(h, w)
-        self.planes = np.empty((_MAX_VISIBLE, raster.PLANES))
+        self.planes = np.empty((MOST_VISIBLE, raster.PLANES))
         self.count = 0
-        self.source = np.empty(_MAX_VISIBLE, np.int64)
-        self._boxes = np.empty((_MAX_VISIBLE, 4), np.int64)
+        self.source = np.empty(MOST_VISIBLE, np.int64)
+        self._boxes = np.empty((MOST_VISIBLE, 4), np.int64)
         self._farthest = np.empty((-(-h // raster.TILE), -(-w // raster.TILE)), np.float32)
 
     def draw(self, world: World, draws: Draws, K: tuple[float, float, float]) -> None:
@@ -142,8 +139,8 @@ class Renderer:
         self.world = world
         self.camera = camera
         self._canvas = Canvas(camera.width, camera.height)
-        self._kinds = np.empty(_MAX_VISIBLE, np.uint8)
-        self._texture_of = np.empty(_MAX_VISIBLE, np.int64)
+        self._kinds = np.empty(MOST_VISIBLE, np.uint8)
+        self._texture_of = np.empty(MOST_VISIBLE, np.int64)
         self._scratch = shade_scratch(camera.width)
 
     def grey(
@@ -168,7 +165,7 @@ class Renderer:
         canvas.draw(self.world, list_draws(self.world, T_world_camera, s_m, things, widest), K)
         grey = np.empty((camera.height, camera.width), np.float32)
         texel_m = self.world.map_texel_m
-        ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, _HAZE_GREY, texel_m])
+        ground = np.array([contrast, TEXTURE_GRAIN, TEXTURE_MAP, road_grey, HAZE_GREY, texel_m])
         sort_kinds(canvas.count, canvas.source, mesh.flags, mesh.textures, self._kinds, self._texture_of)
         shade(
             *(

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereocalib_core.numeric.arrays import Array
-from stereocalib_core.simulator.ground import (
+from stereocalib_core.config.scene import (
     CROWN_M,
     HALF_WIDTH_M,
     LANE_EDGE_M,
@@ -18,8 +17,10 @@ from stereocalib_core.simulator.ground import (
     PAVEMENT_LEFT_M,
     PAVEMENT_RIGHT_M,
     RIGHT_KERB_M,
+    STEP_M,
 )
-from stereocalib_core.simulator.path import STEP_M, Course
+from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.simulator.path import Course
 from stereocalib_core.simulator.shade import ROAD_TEXEL_M
 from stereocalib_core.simulator.textures import tileable_noise
 

@@ -11,12 +11,6 @@ from numpy.typing import NDArray
 _TABLE_BITS = 20
 READ_NOISE, SHOT_NOISE = 1.0, 0.022
 """Variance = READ_NOISE^2 + SHOT_NOISE * grey, in grey levels."""
-EXPOSURE_DIFFERENCE = 0.02
-"""How much brighter the right picture is at amount 1."""
-VIGNETTING = 0.16
-"""What is lost in the far corners at amount 1."""
-BLUR = 0.03
-"""Share of the light that falls on each direct neighbour, in x and in y."""
 
 
 @lru_cache(maxsize=1)

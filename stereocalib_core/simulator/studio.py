@@ -10,6 +10,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import (
+    BLUR,
+    EXPOSURE_DIFFERENCE,
+    EXPOSURE_S,
+    FRAME_RATE_HZ,
+    RECTIFICATION_ERROR_DEG,
+    VIGNETTING,
+)
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator.drive import Drive, plan_drive
@@ -17,18 +25,13 @@ from stereocalib_core.simulator.effects import noise_factor, spoil
 from stereocalib_core.simulator.faults import AXES, any_active, offsets
 from stereocalib_core.simulator.furniture import Instance
 from stereocalib_core.simulator.lidar import T_CAMERA_LIDAR, SpinningLidar
-from stereocalib_core.simulator.path import FRAME_RATE_HZ
 from stereocalib_core.simulator.plane import right_rotation
 from stereocalib_core.simulator.renderer import Renderer, View
-from stereocalib_core.simulator.sensor import BLUR, EXPOSURE_DIFFERENCE, VIGNETTING, expose, noise_table
+from stereocalib_core.simulator.sensor import expose, noise_table
 from stereocalib_core.simulator.settings import DriveSettings
 from stereocalib_core.simulator.world import World, build_world, moving
 
 Picture = NDArray[np.uint8]
-
-EXPOSURE_S = 0.003
-_RECTIFICATION_ERROR_DEG = (0.01, 0.02)
-"""Pitch and roll of the right camera at amount 1 of `rectification_error`."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Studio:
         """(N, 3) pitch, roll, yaw [deg] of the right camera against the left."""
         turns = np.rad2deg(offsets(self.settings.faults, ("rectification",), len(self.drive)))
         picked = turns[:, [AXES.index(axis) for axis in ("pitch", "roll", "yaw")]]
-        picked[:, :2] += self.settings.rectification_error * np.array(_RECTIFICATION_ERROR_DEG)
+        picked[:, :2] += self.settings.rectification_error * np.array(RECTIFICATION_ERROR_DEG)
         return picked
 
     def T_world_right(self, frame: int) -> Array:

@@ -9,23 +9,28 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_core.config.scene import (
+    AMBIENT,
+    COLUMNS_M,
+    LEFT_KERB_M,
+    ONCOMING_M,
+    ONCOMING_SPEED,
+    RIGHT_KERB_M,
+    SUN,
+    SUNLIGHT,
+    TRUCK_AHEAD_M,
+)
 from stereocalib_core.geometry import rotation_y
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.simulator import painting
 from stereocalib_core.simulator.drive import Drive
 from stereocalib_core.simulator.furniture import Furniture, Instance, furnish
-from stereocalib_core.simulator.ground import COLUMNS_M, LEFT_KERB_M, RIGHT_KERB_M, Ground
+from stereocalib_core.simulator.ground import Ground
 from stereocalib_core.simulator.meshes import Mesh, join, triangles
 from stereocalib_core.simulator.raster import FLAG_GROUND
 from stereocalib_core.simulator.roadmap import plain_map, street_map
 from stereocalib_core.simulator.shade import ROAD, UNKNOWN
 from stereocalib_core.simulator.textures import Atlas, build_atlas
-
-SUN = np.array([np.sin(0.9) * np.cos(0.75), -np.sin(0.75), np.cos(0.9) * np.cos(0.75)])
-"""Direction to the sun."""
-AMBIENT, SUNLIGHT = 0.42, 1.6
-_ONCOMING_M, _ONCOMING_SPEED = -3.55, 9.0
-_TRUCK_AHEAD_M = 2.3
 
 
 @dataclass(frozen=True)
@@ -185,14 +190,14 @@ def moving(world: World, frame: int) -> tuple[list[Instance], Array]:
         rng = np.random.default_rng([settings.seed, 41])
         jitter, tones = rng.uniform(-20, 20, count), rng.choice([0.3, 0.5, 1.0, 1.3, 1.6], count)
         for k in range(count):
-            s = (k * lap / count + jitter[k] + 60.0 - _ONCOMING_SPEED * time) % lap
+            s = (k * lap / count + jitter[k] + 60.0 - ONCOMING_SPEED * time) % lap
             ahead = (s - s_camera + lap / 2) % lap - lap / 2 if drive.course.closed else s - s_camera
             if -15.0 < ahead < 130.0:
-                place(f"car{k % 2}", s_camera + ahead, _ONCOMING_M, np.pi, float(tones[k]), 2.2, 0.95)
+                place(f"car{k % 2}", s_camera + ahead, ONCOMING_M, np.pi, float(tones[k]), 2.2, 0.95)
         leader = min(frame + 20, len(drive.motion.s_m) - 1)
         s_leader = float(drive.motion.s_m[leader]) + 12.0 + 1.6 * max(frame + 20 - leader, 0)
         if s_leader < drive.ground.rows_s_m[-1] - 3.0:
             place("car1", s_leader, 0.05, 0.0, 0.42, 2.2, 0.95)
     if any(f.kind == "truck" and f.active(frame) for f in settings.faults):
-        place("truck", s_camera + _TRUCK_AHEAD_M + 4.0, 0.1, 0.0, 1.0, 4.0, 1.3)
+        place("truck", s_camera + TRUCK_AHEAD_M + 4.0, 0.1, 0.0, 1.0, 4.0, 1.3)
     return things, np.array(shadows) if shadows else np.zeros((0, 4))

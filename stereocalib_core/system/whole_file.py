@@ -49,7 +49,12 @@ def plain(value: Any) -> Any:
 
 def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
     """Any report, in the order given; what is not finite becomes null."""
-    write_atomic(path, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
+    write_atomic(path, json_bytes(values))
+
+
+def json_bytes(values: Mapping[str, Any] | Sequence[Any]) -> bytes:
+    """What `write_json` writes."""
+    return (json.dumps(plain(values), indent=2, allow_nan=False) + "\n").encode()
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -17,6 +17,10 @@ from stereocalib_app.server.hub import Hub
 from stereocalib_app.server.security import stop_server
 
 _CONTEXTS: list[Any] = []
+PLAIN_DRAWING = (
+    "--disable-gpu-rasterization", "--webgl-antialiasing-mode=none", "--webgl-msaa-sample-count=0",
+)  # fmt: skip
+"""No smooth edges, which nothing here asks about: without a graphics card they are a quarter of all drawing."""
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -141,7 +145,7 @@ def browser(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
         context = playwright.chromium.launch_persistent_context(
             str(tmp_path_factory.mktemp("chromium")),
             executable_path=chromium_path,
-            args=list(FLAGS),
+            args=[*FLAGS, *PLAIN_DRAWING],
             viewport={"width": 1200, "height": 660},
             accept_downloads=True,
         )

@@ -293,7 +293,9 @@ def test_another_lens_model_is_named(
     assert "the lens in camera.yaml (fisheye) does not fit" in capsys.readouterr().err
 
 
-def test_pictures_in_other_formats_give_the_same(rendered: Path, tmp_path: Path) -> None:
+def test_pictures_in_other_formats_give_the_same(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = changed(rendered, tmp_path / "set")
     for path, suffix in zip(
         sorted((folder / "images").iterdir()), (".bmp", ".tif", ".webp") * 3, strict=False
@@ -301,15 +303,10 @@ def test_pictures_in_other_formats_give_the_same(rendered: Path, tmp_path: Path)
         picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         cv2.imwrite(str(path.with_suffix(suffix)), picture, [cv2.IMWRITE_WEBP_QUALITY, 101])
         path.unlink()
-    assert main(
-        [
-            "lidar-camera",
-            str(folder),
-            "--out",
-            str(tmp_path / "out"),
-            "--pairs",
-            "pair00,pair01,pair02,pair03",
-        ]
-    ) in (0, 3)
+    three = "pair00,pair01,pair02"
+    assert main(["lidar-camera", str(folder), "--out", str(tmp_path / "out"), "--pairs", three]) == 3
     values = json.loads((tmp_path / "out" / "calibration.json").read_text())
-    assert [p["status"] for p in values["pairs"]] == ["ok"] * 4
+    assert [p["status"] for p in values["pairs"]] == ["ok"] * 3
+    # three poses leave nothing to check them with: the answer says which fourth would help most
+    assert f"next: {values['next_pose']['words']}" in capsys.readouterr().out
+    assert max(values["next_pose"]["sigma_translation_m"]) < max(values["sigma_translation_m"])

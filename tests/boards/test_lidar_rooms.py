@@ -15,12 +15,12 @@ from stereocalib_core.boards import (
     calibrate,
     detect,
     open_folder,
-    run,
 )
 from stereocalib_core.boards.board_search import find_candidates
 from stereocalib_core.boards.rotations import rotation_angle, rotation_from_vector
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.geometry import invert_transform, transform
+from stereocalib_core.run.boards import run
 
 CAMERA = BoardCamera(
     "pinhole",

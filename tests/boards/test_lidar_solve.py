@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from stereocalib_core.boards.answer import judge
 from stereocalib_core.boards.baselines import points_on_plane, unnikrishnan_hebert
 from stereocalib_core.boards.calibrate import calibrate, ticked_mask
+from stereocalib_core.boards.detect import Detection
 from stereocalib_core.boards.observation import PairObservation
 from stereocalib_core.boards.planes import fit_plane, plane_through, tangent_basis
-from stereocalib_core.boards.report import to_dict
 from stereocalib_core.boards.rotations import rotation_angle, rotation_from_vector
 from stereocalib_core.boards.solve import PlanePairs, dual_space, weighted
 from stereocalib_core.config.boards import OBSERVABILITY
@@ -24,6 +26,7 @@ from stereocalib_core.experiments.lidar_camera_simulation import (
     observe,
     simulate_boards,
 )
+from stereocalib_core.files.boards import calibration_bytes
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.numeric.arrays import Array
 
@@ -234,8 +237,9 @@ def test_nothing_to_solve_is_one_line() -> None:
 
 
 def test_the_report_is_json_with_the_documented_keys() -> None:
-    result = calibrate(boards(5, 4, PAPER_NOISE), BOARD, CAMERA)
-    values = to_dict(result)
+    seen = boards(5, 4, PAPER_NOISE)
+    found = Detection(BOARD, CAMERA, tuple(seen))
+    values = json.loads(calibration_bytes(judge(found, calibrate(seen, BOARD, CAMERA))))
     assert np.allclose(np.array(values["T_camera_lidar"]) @ np.array(values["T_lidar_camera"]), np.eye(4))
     assert {"value", "linear", "baselines", "held_out", "pairs", "observability", "iterations"} - set(
         values

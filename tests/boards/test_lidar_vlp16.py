@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stereocalib_core.boards import Calibration, Detection, calibrate, detect, open_folder, run, ticked_mask
+from stereocalib_core.boards import Calibration, Detection, calibrate, detect, open_folder, ticked_mask
 from stereocalib_core.boards.chessboard import posed_again
 from stereocalib_core.boards.intrinsics import estimate_camera
 from stereocalib_core.boards.rotations import rotation_angle, rotation_from_roll_pitch_yaw, rotation_vector
 from stereocalib_core.geometry import invert_transform, transform
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.run.boards import run
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from stereocalib_core.config.scene import FIT_FAR_M, FIT_NEAR_M
 from stereocalib_core.geometry import Extrinsics, invert_transform
 from stereocalib_core.simulator.drive import plan_drive
-from stereocalib_core.simulator.ground import FIT_FAR_M, FIT_NEAR_M
 from stereocalib_core.simulator.settings import parse_spec
 from stereocalib_core.simulator.studio import Studio
 from stereocalib_core.sources.formats.synthetic import SyntheticSource

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,16 @@ import cv2
 import numpy as np
 
 from stereocalib_app.boards.render import pair_row, thumbnail_rule
-from stereocalib_app.boards.session import NO_NUDGE, LidarSession, LidarSnapshot
+from stereocalib_app.boards.session import NO_NUDGE, LidarSession, LidarSnapshot, solved
 from stereocalib_app.widgets import palette
 from stereocalib_app.widgets.chart import Chart, ChartView, Curve
 from stereocalib_app.widgets.copy_button import copy_button
 from stereocalib_app.widgets.page_base import PageBase
 from stereocalib_app.words import boards as lidar_words
-from stereocalib_core.boards import Calibration, Detection, report
+from stereocalib_core.boards import Calibration, Detection, judge
 from stereocalib_core.boards.pictures import before_and_after
 from stereocalib_core.errors import OutputError
+from stereocalib_core.files.boards import calibration_bytes
 
 TURN_LIMIT_DEG, SHIFT_LIMIT_M = 2.0, 0.10
 PLOT_PX = 120
@@ -206,11 +206,9 @@ class ExportPanel:
         return now.detection, now.result
 
     def _calibration(self) -> bytes:
-        detection, result = self._solved()
-        with tempfile.TemporaryDirectory(prefix="stereocalib-") as folder:
-            path = Path(folder) / "calibration.json"
-            report.write(result, path, detection.estimated_rms_px)
-            return path.read_bytes()
+        """As `stereocalib lidar-camera` writes it, the slow findings and the next pose too."""
+        detection, _ = self._solved()
+        return calibration_bytes(judge(detection, solved(detection, self._session.snapshot.wish)))
 
     def _overlay(self) -> bytes:
         detection, result = self._solved()

@@ -96,6 +96,12 @@ class _ClosedError(Exception):
     """The page was closed while boards were being looked for."""
 
 
+def solved(detection: Detection, wish: Wish) -> Calibration:
+    """The pairs that are ticked, solved as wished; raises SourceError."""
+    mask = [o.name not in wish.excluded for o in detection.observations]
+    return solve(detection, wish.refine, wish.kappa or None, mask)
+
+
 class LidarSession:
     """Owns the worker. `show(snapshot)` is called by it alone, after every change.
 
@@ -230,10 +236,8 @@ class LidarSession:
         asked = (wish.excluded, wish.refine, wish.kappa)
         if now.stage != "ready" or asked != (now.solved_for, now.wish.refine, now.wish.kappa):
             start = time.perf_counter()
-            mask = [o.name not in wish.excluded for o in detection.observations]
             try:
-                solved = solve(detection, wish.refine, wish.kappa or None, mask)
-                answer = judge(detection, solved, quick=True, advise=False)
+                answer = judge(detection, solved(detection, wish), quick=True, advise=False)
                 result, problem = answer.calibration, ""
             except SourceError as error:
                 result, answer, problem = None, None, f"{error.what}: {error.where}. {error.remedy}"

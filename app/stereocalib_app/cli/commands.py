@@ -219,20 +219,16 @@ def experiments(arguments: argparse.Namespace) -> str | None:
 
 def lidar_camera(arguments: argparse.Namespace) -> str | None:
     """A camera against a LiDAR."""
+    from stereocalib_core.boards import lines
     from stereocalib_core.files.output_folder import new_output
 
     _need_folder(arguments.folder)
-    package = importlib.import_module("stereocalib_core.boards")
-    owned = (
-        "calibration.json",
-        "report.md",
-        "overlay_*.png",
-        "boards.png",
-        "iterations.png",
-        "residuals.png",
-    )
+    package = importlib.import_module("stereocalib_core.run.boards")
     nothing: SourceError | None = None
-    with new_output(arguments.out, owned, arguments.overwrite) as out, terminal_progress() as progress:
+    with (
+        new_output(arguments.out, package.FILES, arguments.overwrite) as out,
+        terminal_progress() as progress,
+    ):
         stages = None if progress is None else lambda what, done, total: progress(done, total, what)
         try:
             answer = package.run(
@@ -250,7 +246,7 @@ def lidar_camera(arguments: argparse.Namespace) -> str | None:
             nothing = error  # the reasons are in the folder, which must stay
     if nothing is not None:
         raise nothing
-    print("\n".join(package.lines(answer, package.files_of(arguments.out))))
+    print("\n".join(lines(answer, package.files_of(arguments.out))))
     return None if answer.trusted else f"{answer.calibration.verdict}: {answer.why}"
 
 

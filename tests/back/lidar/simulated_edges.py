@@ -78,28 +78,31 @@ def _scan(
     world: np.ndarray, at: np.ndarray, T: np.ndarray, sweep: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Beam edges and surface points of one scan."""
-    edges, points = [], []
-    to_lidar = invert_transform(T)
-    for left, right, top, z in _seen(world, at):
-        for y in np.arange(top, 1.6, 0.007 * z):
-            for x, side in ((left, 1.0), (right, -1.0)):
-                # the beam that falls next to the edge is up to half a step off
-                off = rng.uniform(-0.5, 0.5) * np.deg2rad(0.18) * z
-                edges.append([*_swept(np.array([x + off, y, z]), to_lidar, sweep), side])
-            points.append(_swept(np.array([rng.uniform(left, right), y, z]), to_lidar, sweep))
-    edges, points = np.array(edges).reshape(-1, 4), np.array(points).reshape(-1, 3)
+    seen = _seen(world, at)
+    rows = [np.arange(top, 1.6, 0.007 * z) for top, z in seen[:, 2:]]
+    left, right, _, z = np.repeat(seen, [len(some) for some in rows], axis=0).T
+    y = np.concatenate([*rows, np.zeros(0)])
+    half = np.full(len(y), 0.5)
+    # the beam that falls next to the edge is up to half a step off
+    beside = rng.uniform(np.column_stack([-half, -half, left]), np.column_stack([half, half, right]))
+    off = beside[:, :2] * np.deg2rad(0.18) * z[:, None]
+    x = np.column_stack([left, right]) + off
+    corners = np.stack([x, *np.broadcast_arrays(y[:, None], z[:, None], x)[:2]], axis=2).reshape(-1, 3)
+    sides = np.tile([1.0, -1.0], len(y))
+    edges = np.column_stack([_swept(corners, invert_transform(T), sweep), sides])
+    points = _swept(np.column_stack([beside[:, 2], y, z]), invert_transform(T), sweep)
     for some in (edges, points):
         ranges = np.linalg.norm(some[:, :3], axis=1, keepdims=True)
         some[:, :3] *= 1.0 + 0.02 * rng.standard_normal((len(some), 1)) / ranges
     return edges, points
 
 
-def _swept(point: np.ndarray, to_lidar: np.ndarray, sweep: float) -> np.ndarray:
-    """A point of the camera's frame at the shutter as the LiDAR has it when it looks there, the car going on."""
-    seen = to_lidar[:3, :3] @ point + to_lidar[:3, 3]
+def _swept(points: np.ndarray, to_lidar: np.ndarray, sweep: float) -> np.ndarray:
+    """Points (N, 3) of the camera's frame at the shutter as the LiDAR has them when it looks there."""
+    seen = points @ to_lidar[:3, :3].T + to_lidar[:3, 3]
     for _ in range(3):
-        late = sweep * PERIOD_S * np.arctan2(seen[1], seen[0]) / (2 * np.pi)
-        seen = to_lidar[:3, :3] @ (point - [0, 0, STEP_M / PERIOD_S * late]) + to_lidar[:3, 3]
+        late = sweep * PERIOD_S * np.arctan2(seen[:, 1:2], seen[:, :1]) / (2 * np.pi)
+        seen = (points - [0, 0, STEP_M / PERIOD_S] * late) @ to_lidar[:3, :3].T + to_lidar[:3, 3]
     return seen
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from stereocalib_core.config import DirectConfig, PipelineConfig
 from stereocalib_core.errors import FailureReason
-from stereocalib_core.front.road.estimate import estimate_road
+from stereocalib_core.front.road.estimate import begin_road, estimate_road, finish_road
 from stereocalib_core.front.road.surface import bends, fit_lane
 from stereocalib_core.front.road.variants import eq12_roll
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -90,9 +90,10 @@ def town() -> dict[str, np.ndarray]:
     for k in range(5, len(source), 17):
         frame = source[k]
         assert frame.left is not None and frame.right is not None
+        begun = begin_road(frame.left, frame.right, source.camera, PipelineConfig())
         for method in found:
             config = PipelineConfig(method=method)
-            road = estimate_road(frame.left, frame.right, source.camera, config)
+            road = finish_road(begun, frame.left, frame.right, source.camera, config)
             if road.estimate is not None:
                 e = road.estimate.extrinsics
                 error = np.array([e.height_m, e.pitch_rad, e.roll_rad]) - truth[k, :3]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,28 +13,44 @@ from stereocalib_core.boards.calibration import Calibration
 from stereocalib_core.boards.detect import Detection
 from stereocalib_core.boards.findings import Finding
 from stereocalib_core.boards.next_pose import NextPose
-from stereocalib_core.system.whole_file import plain, write_json
+from stereocalib_core.system.whole_file import json_bytes, write_json
+
+NO_NUMBERS = (
+    "T_camera_lidar", "T_lidar_camera", "translation_m", "rotation_rpy_deg", "sigma_translation_m",
+    "sigma_rotation_deg", "linear", "baselines", "reprojection_rms_px", "plane_rms_m", "held_out", "board_scale",
+    "intrinsics", "ros2_static_transform",
+)  # fmt: skip
+"""What is null where nothing could be solved."""
 
 
-def to_dict(
-    result: Calibration, estimated_rms_px: float | None = None, answer: Answer | None = None
-) -> dict[str, Any]:
+def calibration_bytes(answer: Answer) -> bytes:
+    """`calibration.json`, as `write_calibration` writes it."""
+    return json_bytes(_values(answer))
+
+
+def write_calibration(answer: Answer, path: Path) -> None:
+    """Write `calibration.json`; raises OutputError."""
+    write_json(path, _values(answer))
+
+
+def _values(answer: Answer) -> Mapping[str, Any]:
     """Everything a reader needs, in the documented form; what is not a number becomes null.
 
     sigma_rotation_deg is about the camera's x, y, z axes (roll, pitch, yaw of a LiDAR that looks along a
     camera are near gimbal lock, where their own sigmas say nothing).
     """
+    result, found = answer.calibration, answer.found
     seen = result.observability
     camera: dict[str, Any] = {
         "model": result.camera.model,
         "K": result.camera.K,
         "D": result.camera.D,
     }
-    if estimated_rms_px is not None:
-        camera["estimated_rms_px"] = estimated_rms_px
+    if found.estimated_rms_px is not None:
+        camera["estimated_rms_px"] = found.estimated_rms_px
     if result.intrinsic_sigma is not None:
         camera["sigma"] = result.intrinsic_sigma
-    values = {
+    return {
         "T_camera_lidar": result.T_camera_lidar,
         "T_lidar_camera": result.T_lidar_camera,
         "translation_m": result.T_camera_lidar[:3, 3],
@@ -87,20 +103,19 @@ def to_dict(
         "intrinsics": None
         if result.intrinsic_sigma is None
         else {"K": result.camera.K, "D": result.camera.D, "sigma": result.intrinsic_sigma},
-        "causes": [] if answer is None else [_finding(f) for f in answer.findings],
-        "notes": [] if answer is None else list(answer.found.notes),
-        "next_pose": None if answer is None or answer.pose is None else _pose(answer.pose, result),
+        "causes": [_finding(f) for f in answer.findings],
+        "notes": list(found.notes),
+        "next_pose": None if answer.pose is None else _pose(answer.pose, result),
         "camera": camera,
         "ros2_static_transform": result.ros2_static_transform(),
     }
-    return plain(values)
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> Mapping[str, Any]:
     return {"cause": finding.cause, "remedy": finding.remedy, "spoils": finding.spoils}
 
 
-def _pose(pose: NextPose, result: Calibration) -> dict[str, Any]:
+def _pose(pose: NextPose, result: Calibration) -> Mapping[str, Any]:
     return {
         "words": pose.words(),
         "T_camera_board": pose.T_camera_board,
@@ -113,25 +128,8 @@ def _pose(pose: NextPose, result: Calibration) -> dict[str, Any]:
     }
 
 
-def write(
-    result: Calibration, path: Path, estimated_rms_px: float | None = None, answer: Answer | None = None
-) -> None:
-    """Write `calibration.json`; with its `answer` also causes, notes and the pose to add."""
-    write_json(path, to_dict(result, estimated_rms_px, answer))
-
-
 def write_refusals(found: Detection, said: Sequence[Finding], error: str, path: Path) -> None:
     """`calibration.json` of a set that cannot be solved: the documented keys without numbers, and every reason."""
-    nothing: tuple[str, ...] = ("T_camera_lidar", "T_lidar_camera", "translation_m", "rotation_rpy_deg")
-    nothing += (
-        "sigma_translation_m",
-        "sigma_rotation_deg",
-        "linear",
-        "baselines",
-        "reprojection_rms_px",
-        "plane_rms_m",
-        "held_out",
-    )
     pairs = [
         {
             "name": o.name,
@@ -143,8 +141,7 @@ def write_refusals(found: Detection, said: Sequence[Finding], error: str, path: 
         }
         for o in found.observations
     ]
-    values: dict[str, Any] = dict.fromkeys((*nothing, "board_scale", "intrinsics", "ros2_static_transform"))
-    values |= {
+    values: dict[str, Any] = dict.fromkeys(NO_NUMBERS) | {
         "error": error,
         "pairs": pairs,
         "observability": {
@@ -156,4 +153,4 @@ def write_refusals(found: Detection, said: Sequence[Finding], error: str, path: 
         "causes": [_finding(f) for f in said],
         "notes": list(found.notes),
     }
-    write_json(path, plain(values))
+    write_json(path, values)
