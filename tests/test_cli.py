@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -74,21 +74,26 @@ def failed_line(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
     return output.err
 
 
-@pytest.mark.wall_clock
+def _cpu_of_children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def test_help_is_complete_and_fast() -> None:
-    slowest = []
+    """Within 0.3 s of work: a machine that others use makes the clock run on, not that."""
+    took = []
     for argv in ([], ["run"], ["synth"], ["lidar-camera"]):
-        started = time.perf_counter()
+        before = _cpu_of_children_s()
         done = subprocess.run(
             [sys.executable, "-m", "stereocalib_app.cli.main", *argv, "--help"],
             capture_output=True,
             text=True,
             check=False,
         )
-        slowest.append(time.perf_counter() - started)
+        took.append(_cpu_of_children_s() - before)
         assert done.returncode == 0
         assert done.stderr == ""
-    assert min(slowest) < 0.3
+    assert max(took) < 0.3
     top = subprocess.run(
         [sys.executable, "-m", "stereocalib_app.cli.main", "--help"],
         capture_output=True,

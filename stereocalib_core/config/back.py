@@ -193,6 +193,12 @@ class YawConfig:
     """Intersections tried within a pair: with half of the tracks good, one is good with certainty."""
     pair_tolerance_deg: float = 1.0
     """Largest disagreement of a pair with the drive [deg]."""
+    hypotheses: int = 200
+    """Pairs whose yaw is tried for that of the drive, evenly by size; the mean that follows takes in all."""
+    rounds: int = 20
+    """Of the weighted mean over the pairs that agree; it has settled long before."""
+    stray_sigmas: float = 5.0
+    """A pair further off, in their own deviations, is none of them."""
     min_inlier_share: Share = 0.3
     """Of the pairs, which must agree on the yaw."""
     pair_sigma_deg: float = 0.05

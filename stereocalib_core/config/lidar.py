@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic.dataclasses import dataclass
 
-from stereocalib_core.config.strict import STRICT
+from stereocalib_core.config.strict import STRICT, Share
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -119,6 +119,11 @@ class LidarAlignmentConfig:
     widths_px: tuple[float, ...] = (12.0, 8.0, 5.0, 3.0, 2.0)
     """Gauss curves by which edges are matched along a row, coarse to fine. The first reaches what the search for yaw
     leaves: half its step and 10 cm at 5 m, 14 px; the last is the spread of true matches on real drives (2.3 px)."""
+    borne_out: Share = 0.5
+    """The camera has moved if its own path jumps by the size of a slip, within this share of it; the LiDAR, if it jumps
+    by less than this share. Physics: the nearer of the two."""
+    quiet_share: Share = 0.2
+    """... and the path around it is quieter than this share, 1 sigma: a jump of half the size is then 2.5 sigma."""
     near_widths: int = 3
     """So many of them, the last, where a stretch near by is known: 5 px catch a slip of 1 deg (12 px) in its tails."""
     rounds: int = 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic.dataclasses import dataclass
 
+from stereocalib_core.config.steps import PairStepConfig
 from stereocalib_core.config.strict import STRICT
 
 
@@ -97,6 +98,7 @@ class PairConfig:
     """... and about where a path takes its length from: on a street most near points are 10 to 20 m away."""
     suspect_yaw_deg: float = 0.02
     bad_yaw_deg: float = 0.08
+    steps: PairStepConfig = PairStepConfig()
 
 
 @dataclass(frozen=True, config=STRICT)

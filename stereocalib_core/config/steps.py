@@ -72,6 +72,22 @@ class TurmoilConfig:
 
 
 @dataclass(frozen=True, config=STRICT)
+class PairStepConfig:
+    """Knocks of one camera against the other: steps of a constant with noise."""
+
+    least_side: int = 8
+    """Looks on either side of a step; fewer may be one bad stretch of matches."""
+    sure: float = 6.0
+    """A step must be so many times its own sigma: there are hundreds of places where chance could put one."""
+    clip: float = 4.0
+    """Looks further from the median of their neighbours than so many sigmas count as if they were so far."""
+    least_scatter: float = 1e-6
+    """Of looks, in their own sigmas: looks that are all the same scatter by nothing."""
+    neighbours: int = 9
+    """Of the running median, in frames: outlasts a few bad frames, follows a step."""
+
+
+@dataclass(frozen=True, config=STRICT)
 class YawStepConfig:
     """Jumps of the camera's own heading that last."""
 

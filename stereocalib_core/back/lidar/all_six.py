@@ -203,6 +203,7 @@ def who_jumped(
     close = np.abs(np.arange(1, len(steps) - 1) - at) <= near // 2
     noise = SIGMA_PER_MAD * float(np.median(np.abs(jumps[~close])))
     jump = float(jumps[close][np.argmax(np.abs(jumps[close]))])
-    if abs(jump + size) < 0.5 * abs(size):
+    if abs(jump + size) < config.borne_out * abs(size):
         return "camera"
-    return "lidar" if noise < 0.2 * abs(size) and abs(jump) < 0.5 * abs(size) else None
+    quiet = noise < config.quiet_share * abs(size)
+    return "lidar" if quiet and abs(jump) < config.borne_out * abs(size) else None

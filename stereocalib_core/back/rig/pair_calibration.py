@@ -126,9 +126,11 @@ def _changes(
     values = np.array([np.full(3, np.nan) if s is None else s.values for s in samples]).reshape(-1, 3)
     inverse = np.array([np.full(3, np.nan) if s is None else 1.0 / np.diag(s.covariance) for s in samples])
     found: list[tuple[str, Step]] = []
-    found += [("yaw", step) for step in steps(yaws, precision, np.deg2rad(config.pair.suspect_yaw_deg), True)]
+    seek = config.pair.steps
+    suspect_yaw = np.deg2rad(config.pair.suspect_yaw_deg)
+    found += [("yaw", step) for step in steps(yaws, precision, suspect_yaw, True, seek)]
     for axis, column, least in (("pitch", 1, limits.suspect_pitch_deg), ("roll", 2, limits.suspect_roll_deg)):
-        looks = steps(values[:, column], inverse.reshape(-1, 3)[:, column], np.deg2rad(least), False)
+        looks = steps(values[:, column], inverse.reshape(-1, 3)[:, column], np.deg2rad(least), False, seek)
         found += [(axis, step) for step in looks]
     found.sort(key=lambda one: one[1].at)
     bounds = stretches(count, [step.at for _, step in found])

@@ -191,7 +191,7 @@ def estimate_yaw(
             f"too few road tracks on the straights: {len(values)} pairs of frames show a vanishing point, "
             f"at least {config.min_pairs} are needed"
         )
-    yaw, inlier, sigma = _consensus(values, np.deg2rad(config.pair_tolerance_deg), config.alike_pairs)
+    yaw, inlier, sigma = _consensus(values, config)
     if inlier.sum() < max(config.min_pairs, config.min_inlier_share * len(values)):
         return refuse(
             f"the vanishing points do not agree: {int(inlier.sum())} of {len(values)} pairs of frames"
@@ -230,18 +230,19 @@ def _lever(motion: Trajectory, vehicle: VehicleConfig, config: OdometryConfig) -
     return Measured(found.lever_arm_m, found.lever_arm_sigma_m)
 
 
-def _consensus(values: Array, tolerance: float, alike: int) -> tuple[float, NDArray[np.bool_], float]:
+def _consensus(values: Array, config: YawConfig) -> tuple[float, NDArray[np.bool_], float]:
     """RANSAC over the pairs (every pair is a hypothesis), then a robust mean; value, inliers, sigma."""
-    hypotheses = np.sort(values)[:: max(1, len(values) // 200)]
+    tolerance, alike = np.deg2rad(config.pair_tolerance_deg), config.alike_pairs
+    hypotheses = np.sort(values)[:: max(1, len(values) // config.hypotheses)]
     score = np.maximum(1.0 - ((values[None] - hypotheses[:, None]) / tolerance) ** 2, 0.0).sum(axis=1)
     centre = float(hypotheses[int(np.argmax(score))])
     inlier = np.abs(values - centre) < tolerance
-    for _ in range(20):
+    for _ in range(config.rounds):
         inside = values[inlier]
         spread = max(mad_sigma(inside, None), 1e-7)
         weight = cauchy_weights(inside - centre, spread)
         centre = float((weight * inside).sum() / weight.sum())
-        inlier = np.abs(values - centre) < max(min(tolerance, 5.0 * spread), 1e-6)
+        inlier = np.abs(values - centre) < max(min(tolerance, config.stray_sigmas * spread), 1e-6)
     inside = values[inlier]
     blocks = [inside[i : i + alike].mean() for i in range(0, len(inside) - alike + 1, alike)]
     white = float(np.std(inside)) / np.sqrt(max(len(inside), 1))

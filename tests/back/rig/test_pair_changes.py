@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from stereocalib_core.back.rig.pair_changes import steps, stretches
+from stereocalib_core.config.steps import PairStepConfig
+
+CONFIG = PairStepConfig()
 
 
 def _series(
@@ -18,7 +21,7 @@ def _series(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_step_is_found_at_its_frame(seed: int) -> None:
-    found = steps(*_series(200, 110, 0.1, seed=seed), 0.02, spans=False)
+    found = steps(*_series(200, 110, 0.1, seed=seed), 0.02, spans=False, config=CONFIG)
     assert [step.at for step in found] == [110]
     assert found[0].size == pytest.approx(0.1, abs=4 * found[0].sigma)
 
@@ -26,33 +29,33 @@ def test_a_step_is_found_at_its_frame(seed: int) -> None:
 def test_the_pair_of_frames_at_a_step_belongs_to_neither_side() -> None:
     values, precision = _series(200, 111, 0.1)
     values[110] = 0.05
-    found = steps(values, precision, 0.02, spans=True)
+    found = steps(values, precision, 0.02, spans=True, config=CONFIG)
     assert [step.at for step in found] == [110]
     values[110] = np.nan
-    assert [step.at for step in steps(values, precision, 0.02, spans=True)] == [110]
+    assert [step.at for step in steps(values, precision, 0.02, spans=True, config=CONFIG)] == [110]
 
 
 def test_two_steps_and_back() -> None:
     values, precision = _series(300, 100, 0.1)
     values[200:] -= 0.1
-    assert [step.at for step in steps(values, precision, 0.02, spans=False)] == [100, 200]
+    assert [step.at for step in steps(values, precision, 0.02, spans=False, config=CONFIG)] == [100, 200]
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_noise_and_strays_are_no_step(seed: int) -> None:
     values, precision = _series(400, 0, 0.0, seed=seed)
     values[np.random.default_rng(seed).integers(0, 400, 20)] += 1.0
-    assert steps(values, precision, 0.02, spans=False) == ()
+    assert steps(values, precision, 0.02, spans=False, config=CONFIG) == ()
 
 
 def test_a_step_too_small_to_matter_is_none() -> None:
-    assert steps(*_series(400, 200, 0.015, noise=0.001), 0.02, spans=False) == ()
+    assert steps(*_series(400, 200, 0.015, noise=0.001), 0.02, spans=False, config=CONFIG) == ()
 
 
 def test_the_unit_of_the_precision_does_not_matter() -> None:
     values, precision = _series(200, 110, 0.1)
-    assert steps(values, precision, 0.02, False) == steps(values, precision, 0.02, False)
-    scaled = steps(values, 1e6 * precision, 0.02, spans=False)
+    assert steps(values, precision, 0.02, False, CONFIG) == steps(values, precision, 0.02, False, CONFIG)
+    scaled = steps(values, 1e6 * precision, 0.02, spans=False, config=CONFIG)
     assert [step.at for step in scaled] == [110]
 
 

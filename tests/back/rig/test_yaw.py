@@ -11,6 +11,7 @@ from simulated_tracks import CAMERA, LEVER_M, simulate
 from stereocalib_core.back.odometry.packing import pack
 from stereocalib_core.back.rig.vanishing_point import find_vanishing_point
 from stereocalib_core.back.rig.yaw import _consensus, estimate_yaw, view, without_sway
+from stereocalib_core.config import YawConfig
 from stereocalib_core.geometry import Extrinsics, vanishing_point_of_travel, yaw_from_vanishing_point
 
 
@@ -105,7 +106,7 @@ def test_a_third_of_the_pairs_astray_does_not_move_the_yaw() -> None:
     rng = np.random.default_rng(8)
     values = np.deg2rad(-0.3) + np.deg2rad(0.05) * rng.standard_normal(90)
     values[30:60] += np.deg2rad(0.9)
-    yaw, inlier, sigma = _consensus(values, np.deg2rad(1.0), 8)
+    yaw, inlier, sigma = _consensus(values, YawConfig())
     assert abs(np.rad2deg(yaw) + 0.3) < 0.03
     assert abs(np.rad2deg(values.mean()) + 0.3) > 0.2
     assert not inlier[30:60].any() and inlier.sum() > 55
