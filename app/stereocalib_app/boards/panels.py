@@ -206,9 +206,10 @@ class ExportPanel:
         return now.detection, now.result
 
     def _calibration(self) -> bytes:
-        """As `stereocalib lidar-camera` writes it, the slow findings and the next pose too."""
+        """As `stereocalib lidar-camera` writes it, with the next pose that the page shows, however good the set is."""
         detection, _ = self._solved()
-        return calibration_bytes(judge(detection, solved(detection, self._session.snapshot.wish)))
+        wish = self._session.snapshot.wish
+        return calibration_bytes(judge(detection, solved(detection, wish), advise=True))
 
     def _overlay(self) -> bytes:
         detection, result = self._solved()

@@ -44,8 +44,8 @@ def with_sigma(value: float | None, sigma: float | None, digits: int, unit: str)
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; the cells are Markdown already."""
-    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
+    """A Markdown table; the cells are Markdown already, and every header stands over the left edge of its column."""
+    lines = ["| " + " | ".join(header) + " |", "|" + " :--- |" * len(header)]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
 
 
