@@ -6,7 +6,7 @@ READY  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test campaign check docs bench bench-batch bench-long bench-app format clean
+.PHONY: demo test campaign check docs bench bench-first bench-batch bench-long bench-app format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
@@ -41,12 +41,15 @@ docs: $(DEV)  ## the documentation as a site in build/site
 
 bench: $(DEV)  ## speeds as ratios to an SGBM yardstick measured in the same run; two workers; how quick the page is
 	$(BIN)/python -m stereocalib_core.benches.front_end $(ARGS)
-	$(BIN)/python -m stereocalib_core.benches.batch --workers-only --drives 8 --frames 50
+	$(BIN)/python -m stereocalib_core.benches.batch --workers-only --drives 6 --frames 100
 	$(BIN)/python -m stereocalib_core.benches.pair_and_lidar
 	$(BIN)/python -m stereocalib_app.benches.page
 
 bench-long: $(READY)  ## memory and time of long drives, their frames made by repeating a short one's
 	$(BIN)/python -m stereocalib_core.benches.long_drive $(ARGS)
+
+bench-first: $(READY)  ## the first run on a machine, with everything to compile, and the next
+	$(BIN)/python -m stereocalib_core.benches.first_run $(ARGS)
 
 bench-batch: $(DEV)  ## twelve short drives: one run after another, one worker, two workers
 	$(BIN)/python -m stereocalib_core.benches.batch $(ARGS)
