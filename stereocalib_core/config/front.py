@@ -186,8 +186,6 @@ class ProfileConfig:
     tolerance_px: float = 1.0
     rounds: int = 6
     min_inliers: int = 300
-    min_support: float = 0.2
-    """A smaller share of the free cells ahead on the profile: NO_ROAD."""
     roll_half_width_m: float = 3.0
     """Roll needs width more than the profile does: cells this far to the side vote."""
     roll_min_disparity_px: float = 20.0
@@ -285,22 +283,14 @@ class DirectConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class LaneConfig:
-    """When a plane counts as the road in front of the car."""
+    """The lane in front of the car, and which cells of it agree with a plane."""
 
     near_m: float = 4.0
     far_m: float = 20.0
-    near_only_m: float = 12.0
-    """Where the road bends away, the plane of the nearer part up to here is tried."""
     half_width_m: float = 1.75
     agree_height_m: float = 0.06
     agree_px: float = 0.9
     """A cell agrees within this height or this disparity, whichever is more."""
-    min_covered: float = 0.3
-    """Less of the lane free: NO_ROAD."""
-    min_agreement: float = 0.8
-    """Less of the free lane on the plane: NOT_PLANAR."""
-    min_agreement_near: float = 0.815
-    min_agreeing_cells: int = 200
     bend: BendConfig = BendConfig()
 
 

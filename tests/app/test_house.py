@@ -8,6 +8,8 @@ from pathlib import Path
 
 import stereocalib_app
 
+import stereocalib_core
+
 APP = Path(stereocalib_app.__file__).parent
 NAME = APP.name
 LONGEST = 350
@@ -84,3 +86,20 @@ def test_panels_know_no_page() -> None:
 def test_modules_can_be_read() -> None:
     long = {name: n for name, path in MODULES.items() if (n := len(path.read_text().splitlines())) > LONGEST}
     assert long == {}
+
+
+def test_every_setting_is_read() -> None:
+    """A number in `config` that no code asks for says something that is not so."""
+    core = Path(stereocalib_core.__file__).parent
+    trees = [ast.parse(path.read_text()) for root in (core, APP) for path in root.rglob("*.py")]
+    read = {n.attr for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    fields = [
+        (path.name, part.target.id)
+        for path in (core / "config").glob("*.py")
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef)
+        for part in node.body
+        if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
+    ]
+    assert len(fields) > 300
+    assert [where for where in fields if where[1] not in read] == []

@@ -16,8 +16,6 @@ from stereocalib_core.errors import StereoCalibError
 from stereocalib_core.frames import GroundTruth
 from stereocalib_core.numeric.arrays import Array
 
-EMPTY: Mapping[str, object] = MappingProxyType({})
-
 
 @dataclass(frozen=True)
 class PathErrors:

@@ -12,7 +12,6 @@ Rgb = tuple[int, int, int]
 INK: Final[Rgb] = (232, 234, 237)
 INK_SOFT: Final[Rgb] = (164, 170, 178)
 PAPER: Final[Rgb] = (24, 27, 31)
-PAPER_RAISED: Final[Rgb] = (38, 42, 48)
 RULE: Final[Rgb] = (74, 80, 88)
 
 FREE: Final[Rgb] = (86, 180, 233)
