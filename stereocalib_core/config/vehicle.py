@@ -6,6 +6,9 @@ from pydantic.dataclasses import dataclass
 
 from stereocalib_core.config.strict import STRICT, Share
 
+USUAL_HEIGHT_M = 1.65
+"""Of a camera over the road [m], where nothing has been measured yet. Source: KITTI's car (Geiger et al. 2013)."""
+
 
 @dataclass(frozen=True, config=STRICT)
 class VehicleConfig:

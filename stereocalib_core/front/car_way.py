@@ -7,16 +7,15 @@ from collections.abc import Iterable
 import numpy as np
 
 from stereocalib_core.config import RegionConfig
+from stereocalib_core.config.vehicle import USUAL_HEIGHT_M
 from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.geometry import Extrinsics, transform
 from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.numeric.small_algebra import rotation_from_vector
 
-_KITTI_HEIGHT_M = 1.65
-
 
 def curvature_of(
-    motion: Array | None, height_m: float = _KITTI_HEIGHT_M, config: RegionConfig | None = None
+    motion: Array | None, height_m: float = USUAL_HEIGHT_M, config: RegionConfig | None = None
 ) -> float:
     """[1/m] of the car's way, positive to the right; motion: (6,) of T_current_previous. 0 where it hardly moves."""
     least_travel_m = (config or RegionConfig()).least_travel * height_m

@@ -28,6 +28,7 @@ from stereocalib_core.back.odometry.packing import PackedTracks
 from stereocalib_core.back.odometry.planar_motion import solve_planar
 from stereocalib_core.back.odometry.road_depth import with_floors
 from stereocalib_core.config import VehicleConfig
+from stereocalib_core.config.vehicle import USUAL_HEIGHT_M
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.geometry import road_rotation
 from stereocalib_core.numeric.arrays import Array
@@ -126,7 +127,7 @@ def fill_missing(extrinsics: Array) -> Array:
     """(N, 4) with every row that holds a NaN replaced by the last whole row, at the start by the first."""
     known = np.asarray(np.isfinite(extrinsics).all(axis=1), dtype=np.bool_)
     if not known.any():
-        return np.tile([1.65, 0.0, 0.0, 0.0], (len(extrinsics), 1))
+        return np.tile([USUAL_HEIGHT_M, 0.0, 0.0, 0.0], (len(extrinsics), 1))
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     return np.asarray(extrinsics[np.where(last < 0, np.argmax(known), last)], dtype=np.float64)
 
