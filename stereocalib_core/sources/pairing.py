@@ -63,19 +63,21 @@ def has_pictures(folder: Path) -> bool:
 
 
 def _stems_in(folder: Path) -> set[str]:
-    """The names of `pictures_in`, in less time where they are many."""
+    """The names of `pictures_in`, and those of links that lead nowhere: following tens of thousands takes seconds."""
     try:
         with os.scandir(folder) as entries:
-            return {os.path.splitext(entry.name)[0] for entry in entries if _is_picture(entry)}
+            pictures = (e.name for e in entries if _is_named(e.name) and not e.is_dir(follow_symlinks=False))
+            return {os.path.splitext(name)[0] for name in pictures}
     except OSError:
         return set()
 
 
 def _is_picture(entry: os.DirEntry[str]) -> bool:
-    name = entry.name
-    return (
-        not name.startswith(".") and os.path.splitext(name)[1].lower() in PICTURE_SUFFIXES and entry.is_file()
-    )
+    return _is_named(entry.name) and entry.is_file()
+
+
+def _is_named(name: str) -> bool:
+    return not name.startswith(".") and os.path.splitext(name)[1].lower() in PICTURE_SUFFIXES
 
 
 def most_whole(folder_of: Callable[[int], Path], known: set[int]) -> tuple[int, int]:
