@@ -112,3 +112,10 @@ def test_pictures_larger_than_those_of_a_car_are_usable(kitti_06: Path) -> None:
     assert abs(a.height_m - b.height_m) < 0.02
     assert abs(a.pitch_deg - b.pitch_deg) < 0.1
     assert abs(a.roll_deg - b.roll_deg) < 0.25
+
+
+def test_a_pair_that_hardly_a_frame_shows_is_not_suspected(rendered: FrameSource, tmp_path: Path) -> None:
+    drive = run(rendered, tmp_path / "drive", lambda picture: picture, range(2))
+    assert drive.frames_ok == 2 and drive.why_not is None
+    assert drive.pair.verdict == "not measured"
+    assert "only 2 of 2 frames could be matched" in drive.pair.why

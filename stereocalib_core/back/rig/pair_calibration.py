@@ -248,8 +248,13 @@ def yaw_mends(camera: StereoCamera, pair: Pair, config: PipelineConfig) -> bool:
 
 
 def _verdict(pair: Pair, config: PipelineConfig) -> Verdict:
-    """The worst of rows and yaw; never good while the yaw is not known well enough to say so."""
-    return worst(pair.rows_verdict, _yaw_verdict(pair.relative_yaw_rad, config))
+    """The worst of rows and yaw; never good while the yaw is not known well enough to say so.
+
+    Rows that too few frames show are no suspicion.
+    """
+    unseen = pair.rows_verdict == "suspect" and pair.row_offset_px is None
+    rows: Verdict = "not measured" if unseen else pair.rows_verdict
+    return worst(rows, _yaw_verdict(pair.relative_yaw_rad, config))
 
 
 def _yaw_verdict(yaw: Measured | None, config: PipelineConfig) -> Verdict:

@@ -289,7 +289,7 @@ def relative_yaw(
 ) -> RelativeYaw:
     """The yaw over the `active` (N,) pairs, with sigma; `motions` (N, 6 or more) is where their motions start."""
     if np.count_nonzero(active) < config.min_pairs:
-        return _none(f"only {np.count_nonzero(active)} pairs of frames in which the car moves", 0)
+        return _none(f"the car moves in {np.count_nonzero(active)} pairs of frames only", 0)
     roll, pitch = roll_pitch
     solution = solve_yaw(tracks, motions, active, (roll.value, pitch.value), config)
     if solution is None or len(solution.used) < config.min_pairs:
