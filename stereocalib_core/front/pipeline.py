@@ -18,6 +18,7 @@ from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front.car_way import carried_on, curvature_of, heading_of, way_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
+from stereocalib_core.front.road.carried import Moved
 from stereocalib_core.front.road.estimate import (
     Hint,
     begin_road,
@@ -106,7 +107,8 @@ class FrontEnd:
         self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
         self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
         self._carried_at = 0
-        self._since_kept_m = 0.0
+        self._since_kept_m = self._driven_m = 0.0
+        self._pitching: tuple[float, float] = (0.0, 0.0)
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
         self._pasts: deque[Extrinsics | None] = deque(
@@ -193,10 +195,11 @@ class FrontEnd:
         # the car goes on as it went between the last two pairs
         motion = self._since_carried(index, self._tracker.motion)
         carried = self._carried if motion is None else carried_on(self._carried, motion)
+        kept = self._median([e for e in carried if e is not None])
         travel_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
-        return Hint(
-            self._past_road(), self._median([e for e in carried if e is not None]), way, heading, travel_m
-        )
+        swing_rad = (self._pitching[1] - self._pitching[0]) * max(index - self._carried_at, 1)
+        driven = self._driven_m >= region.least_driven * self._standing.height_m
+        return Hint(self._past_road(), kept, way, heading, Moved(travel_m, swing_rad), driven)
 
     def _since_carried(self, index: int, motion: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
         """The motion to frame `index` from the last pair that was tracked; motion: (6,) of one frame."""
@@ -217,10 +220,13 @@ class FrontEnd:
 
         A car that stands sees the same bit of road again and again: its own is kept for every step of the way.
         """
+        self._pitching = (self._pitching[1], 0.0 if motion is None else float(motion[0]))
         motion = self._since_carried(index, motion)
         self._carried_at = index
         known = [] if motion is None else carried_on(self._carried, motion)
-        self._since_kept_m += 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
+        travelled_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
+        self._since_kept_m += travelled_m
+        self._driven_m += travelled_m
         step_m = self.config.region.carried_step * self._standing.height_m
         if len(known) < self.config.region.carried_frames or self._since_kept_m >= step_m:
             known.append(road)

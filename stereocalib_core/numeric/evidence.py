@@ -11,26 +11,30 @@ from stereocalib_core.numeric.small_algebra import solve_square
 
 @njit(cache=True, nogil=True)
 def average_over_sizes(
-    A: Array, right: Array, free: int, sizes: Array, reluctance: float
+    A: Array, right: Array, free: int, sizes: Array, reluctance: float, ratio: Array, least: Array
 ) -> tuple[Array, Array, Array]:
     """Solution of A x = right, where the unknowns after the first `free` are zero within each of `sizes` (1 sigma)
     beforehand, averaged by their evidence.
 
-    A: (K, K) information, right: (K,). reluctance: a size is expected beforehand in proportion to its inverse to this
-    power. Gives the solution (K,), its covariance (K, K) over all sizes, and the average inverse of A (K, K); NaN where
-    A does not fix the unknowns.
+    A: (K, K) information, right: (K,). ratio, least: (K - free,) each of those unknowns is zero within so many sizes,
+    and within so much at least, root sum of squares: 1 and 0 for the sizes themselves. reluctance: a size is expected
+    beforehand in proportion to its inverse to this power. Gives the solution (K,), its covariance (K, K) over all
+    sizes, and the average inverse of A (K, K); NaN where A does not fix the unknowns.
     """
     unknowns = len(right)
     information = np.empty((unknowns, unknowns))
     inverse = np.zeros((len(sizes), unknowns, unknowns))
     solutions, log_evidence = np.zeros((len(sizes), unknowns)), np.empty(len(sizes))
     for k in range(len(sizes)):
+        log_prior = 0.0
         for i in range(unknowns):
             for j in range(unknowns):
                 information[i, j] = A[i, j]
             inverse[k, i, i] = 1.0
             if i >= free:
-                information[i, i] += sizes[k] ** -2.0
+                beforehand = (ratio[i - free] * sizes[k]) ** 2 + least[i - free] ** 2
+                information[i, i] += 1.0 / beforehand
+                log_prior += 0.5 * np.log(beforehand)
         determinant = solve_square(information, inverse[k])
         if determinant == 0.0:
             determinant = np.nan
@@ -40,7 +44,7 @@ def average_over_sizes(
                 solutions[k, i] += inverse[k, i, j] * right[j]
             fits += solutions[k, i] * right[i]
         log_evidence[k] = (
-            0.5 * fits - 0.5 * np.log(abs(determinant)) - (unknowns - free + reluctance) * np.log(sizes[k])
+            0.5 * fits - 0.5 * np.log(abs(determinant)) - log_prior - reluctance * np.log(sizes[k])
         )
     solution, average = np.zeros(unknowns), np.zeros((unknowns, unknowns))
     share, most, total = np.empty(len(sizes)), log_evidence[0], 0.0

@@ -75,7 +75,7 @@ def fit_surface(
         power = 1 if k < soft_rounds else 3
         weight = 1.0 / (noise**2 * (1.0 + (residual / (2.0 * scale)) ** 2) ** power)
     solution, covariance, average = average_over_sizes(
-        normal / scale**2, right / scale**2, 3, sizes, reluctance
+        normal / scale**2, right / scale**2, 3, sizes, reluctance, np.ones(3), np.zeros(3)
     )
     further_m = np.array([base_m, per_twist * solution[4], per_along * solution[5]])
     response = average @ (weighted.T / scale**2 @ further) * np.sqrt(np.sum(further_m**2))

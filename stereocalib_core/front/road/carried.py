@@ -20,11 +20,13 @@ from stereocalib_core.numeric.arrays import Array
 @dataclass(frozen=True)
 class Past:
     """The road of a moment ago. stand: by the rig, as it stood over the last ones. carried: that road itself, as it is
-    seen from where the car is now. None = not known.
+    seen from where the car is now. None = not known. driven: the car has moved since the first pair; one that stands
+    sees the same again and again, and is none the wiser.
     """
 
     stand: Extrinsics | None = None
     carried: Extrinsics | None = None
+    driven: bool = True
 
     @property
     def known(self) -> tuple[Extrinsics, ...]:
@@ -33,6 +35,16 @@ class Past:
 
 
 NOTHING = Past()
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How the car came since the pair before. travel_m: how far. swing_rad: how far off the pitch may be by which the
+    road was carried along: by how much it turned more than between the two pairs before.
+    """
+
+    travel_m: float = 0.0
+    swing_rad: float = 0.0
 
 
 def likeness(rig: Array, past: Past, nearest_m: float, config: RegionConfig) -> Array:

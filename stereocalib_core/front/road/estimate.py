@@ -15,8 +15,8 @@ from stereocalib_core.front.horizon import first_row, match_by_the_horizon
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
-from stereocalib_core.front.road.carried import NOTHING, Past
-from stereocalib_core.front.road.doubt import alone, along_car, beside_the_step, in_doubt, leans, step_m
+from stereocalib_core.front.road.carried import NOTHING, Moved, Past
+from stereocalib_core.front.road.doubt import alone, beside_the_step, crossfalls, in_doubt, leans, step_m
 from stereocalib_core.front.road.notes import Notes
 from stereocalib_core.front.road.paper import PaperFit, fit_on_region
 from stereocalib_core.front.road.plane import DirectFit, fit_direct
@@ -84,19 +84,20 @@ class Hint:
     past: by the rig, as it stood over the last ones. carried: the road of the last ones themselves, seen from where the
     car is now: over a crossing road, or one that leans, it is another one.
     heading_slope: x / z of the direction of straight travel: the tangent of the mount's yaw.
-    travel_m: how far the car came since the pair before.
+    moved: how the car came here since the pair before. driven: as in `Past`.
     """
 
     past: Extrinsics | None = None
     carried: Extrinsics | None = None
     way: Way = Way()
     heading_slope: float = 0.0
-    travel_m: float = 0.0
+    moved: Moved = Moved()
+    driven: bool = True
 
     @property
     def before(self) -> Past:
         """The road of a moment ago, both ways."""
-        return Past(self.past, self.carried)
+        return Past(self.past, self.carried, self.driven)
 
 
 def _with_region(
@@ -126,11 +127,11 @@ def _with_region(
     region = grow(disparity, free, camera, plane, strips, config.sight, config.region)
     carried = hint.carried
     if region is not None and carried is not None:
-        off_m = step_m(region, carried, camera, hint.travel_m, config.region)
+        off_m = step_m(region, carried, camera, hint.moved, config.region)
         if off_m is not None or leans(region, carried, camera, config.region):
             start = carried.disparity_plane(camera)
             again = grow(disparity, free, camera, start, strips, config.sight, config.region)
-            beside = beside_the_step(again, carried, camera, hint.travel_m, config.region)
+            beside = beside_the_step(again, carried, camera, hint.moved, config.region)
             if beside is None and off_m is not None:
                 return dataclasses.replace(road, failure=Failure(FailureReason.NO_ROAD, _off_the_road(off_m)))
             region = beside or region
@@ -248,14 +249,14 @@ def finish_road(
     ):
         few = f"{valid:.0%} of the lower half has a disparity"
         return notes.end(begun, Failure(FailureReason.NO_DISPARITY, few))
-    road = _with_region(begun, notes, camera, config, hint or Hint())
+    hint = hint or Hint()
+    road = _with_region(begun, notes, camera, config, hint)
     region = road.region
     if region is None:
         return _no_road(notes, road, config)
     _, share = lane.road_mask(disparity, road.free, camera, region.plane.extrinsics(camera), config.lane)
-    carried = None if hint is None else hint.carried
-    travel_m = 0.0 if hint is None else hint.travel_m
-    sure = carried is not None and step_m(region, carried, camera, travel_m, config.region) is None
+    carried = hint.carried
+    sure = carried is not None and step_m(region, carried, camera, hint.moved, config.region) is None
     least = config.region.least_share_carried if sure else config.region.least_share_ahead
     enough = notes.check("region", "share of the way ahead", region.share, low=least)
     notes.check("region", "on the plane", region.planar)
@@ -271,7 +272,7 @@ def finish_road(
     if config.method == "direct":
         direct = fit_direct(left, right, camera, region, disparity.step_px, _scaled(config.direct, region))
         notes.lap("direct")
-        found = _by_alignment(notes, direct, region, hint or Hint(), config)
+        found = _by_alignment(notes, direct, region, hint, config)
     else:
         found = _by_profile(paper)
     road = dataclasses.replace(road, road=region.cells, free_fraction=share, paper=paper, direct=direct)
@@ -281,8 +282,8 @@ def finish_road(
     if failure is not None:
         return notes.end(road, failure)
     # How well a plane is known decides; that a pair alone can't tell whose plane it is says nothing of that.
-    if direct is not None and not (hint or Hint()).before.known:
-        found = _doubted(found, alone(region, config.direct), region)
+    if direct is not None:
+        found = _doubted(found, alone(region, hint.before, config.direct), region)
     e, covariance, inliers, crossfall_rad, along = found
     estimate = RoadEstimate(
         e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad, along=along
@@ -308,7 +309,7 @@ def _off_the_road(higher_m: float) -> str:
 
 NOTHING_AHEAD = "nothing in front of the car lies on one plane below it"
 Found = tuple[Extrinsics, NDArray[np.float64], int, float, tuple[float, float]]
-"""Extrinsics, their (3, 3) covariance, what agrees, 1 sigma of the crossfall beside [rad], and `along_car`."""
+"""Extrinsics, their (3, 3) covariance, what agrees, and `crossfalls` with what is left of doubt."""
 
 
 def _by_profile(fit: PaperFit | None) -> Found | Failure:
@@ -335,13 +336,8 @@ def _by_alignment(
             FailureReason.NOT_PLANAR,
             f"the near road is {rough_mm:.0f} mm rms off its plane, at most {most_mm:.1f}",
         )
-    # Where much of the lane ahead is seen and lies off the plane, the plane is one side of a crown, or of a kerb.
-    other = config.other_side_rad * (1.0 - region.planar) ** 3
-    turning = config.turning_roll_rad * (region.strip.curvature_per_m != 0.0)
+    crossfall, along = crossfalls(region, hint.way, settings)
     inliers = int(np.count_nonzero(direct.patches.weight))
-    crossfall = float(np.hypot(other, turning))
-    way = region.strip if region.strip.curvature_per_m != 0.0 else hint.way
-    along = along_car(crossfall, way, region.range_m)
     found = direct.extrinsics, direct.covariance, inliers, crossfall, along
     return _doubted(found, in_doubt(direct.extrinsics, region, hint.before, settings), region)
 

@@ -115,6 +115,10 @@ def fit_direct(
         shapes[:, 2] = 0.0  # what bends along the car is another road's crossfall there, and told as such
     J_bends = shapes * px_per_m[:, None]
     J = np.hstack([J_plane, J_bends])
+    further = further_bends(x_m, z, config)
+    if as_seen:
+        further[:, 0] = 0.0
+    J_further = further * px_per_m[:, None]
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * height_m)
     shared = np.maximum(alike_m**2 / area, 1.0)
     beside_m = np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
@@ -137,7 +141,8 @@ def fit_direct(
         road = px_per_m[seen] ** 2
         variance = noise + (unevenness**2 * shared[seen] + off_lane[seen] ** 2) * road
         try:
-            fit = fit_lane(J[seen], offsets[seen], variance, config)
+            unseen = unseen_share(x_m[seen], z[seen], config)
+            fit = fit_lane(J[seen], offsets[seen], variance, config, J_further[seen], unseen)
         except np.linalg.LinAlgError:
             return None
         parameters = parameters + fit.solution[:SLOTS]
@@ -161,7 +166,7 @@ def fit_direct(
     covariance = fit.covariance + unmodelled_covariance(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
-        unseen_share(x_m[seen], z[seen], config), config,
+        unseen, config,
     ) + beside_covariance(fit, x_m[seen], config.uneven_beside_all_along * (beside_m * px_per_m)[seen])  # fmt: skip
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
     return DirectFit(

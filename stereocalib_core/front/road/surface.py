@@ -100,8 +100,19 @@ def _robust_normal(
     return x, robust, H, b
 
 
-def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> LaneFit:
+def fit_lane(
+    J: Array,
+    offset: Array,
+    variance: Array,
+    config: DirectConfig,
+    further: Array | None = None,
+    unseen: float = 0.0,
+) -> LaneFit:
     """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 6).
+
+    further: (N, F) [px] of the next bends per metre of size, expected small: `further_of_bends` of the others'
+    size, and `further_unseen_m` of the share of the lane that is `unseen`. With them the plane does not follow the
+    better seen end of a road that turns or loses its crown ahead.
 
     Raises LinAlgError when the patches do not fix a plane.
     """
@@ -116,18 +127,30 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
     chi2 = float(np.sum(robust * residual**2 / variance) / np.sum(robust))
     # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
     scale = max(chi2, config.min_chi2)
+    weighted = J * (robust / (scale * variance))[:, None]
     A, right = H / scale, b / scale
+    every = J
+    if further is not None:
+        every = np.hstack([J, further])
+        weighted = every * (robust / (scale * variance))[:, None]
+        A, right = every.T @ weighted, weighted.T @ offset
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
-    solution, covariance, average = average_over_sizes(A, right, SLOTS, sizes, config.bend_reluctance)
+    more = every.shape[1] - unknowns
+    ratio = np.r_[np.ones(unknowns - SLOTS), np.full(more, config.further_of_bends)]
+    least_m = np.hypot(config.further_bend_m, config.further_unseen_m * unseen)
+    least = np.r_[np.zeros(unknowns - SLOTS), np.full(more, least_m)]
+    solution, covariance, average = average_over_sizes(
+        A, right, SLOTS, sizes, config.bend_reluctance, ratio, least
+    )
     if not np.isfinite(solution).all():
         raise np.linalg.LinAlgError("the patches do not fix a plane and its bends")
     return LaneFit(
-        solution,
-        covariance,
-        average @ (J * (robust / (scale * variance))[:, None]).T,
+        solution[:unknowns],
+        covariance[:unknowns, :unknowns],
+        (average @ weighted.T)[:unknowns],
         robust,
-        offset - J @ solution,
+        offset - every @ solution,
         residual,
     )
 
@@ -135,7 +158,7 @@ def fit_lane(J: Array, offset: Array, variance: Array, config: DirectConfig) -> 
 def unmodelled_covariance(
     fit: LaneFit, px_per_m: Array, further: Array, rough_m: float, unseen: float, config: DirectConfig
 ) -> Array:
-    """(6, 6) of what bends further than the fitted ones do to the solution.
+    """(6, 6) of what further bends do to the solution, beyond what was expected of them in the fit.
 
     px_per_m: (N,) pixels of disparity per metre of height. Their size follows from what the lane shows of
     its character: how it twists, how rough it is left, and how much of it (0...1) is out of sight.

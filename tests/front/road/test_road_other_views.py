@@ -11,6 +11,7 @@ import pytest
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.frames import FrameSource
 from stereocalib_core.front.pipeline import FrontEnd
+from stereocalib_core.front.road.carried import Moved
 from stereocalib_core.front.road.doubt import step_m
 from stereocalib_core.front.road.region import Region
 from stereocalib_core.geometry import Extrinsics
@@ -56,7 +57,7 @@ def test_roads_are_carried_over_frames_that_were_lost(kitti_06: Path) -> None:
             lost.step(source[i])
     a, b = kept._hint(8).carried, lost._hint(8).carried
     assert a is not None and b is not None
-    assert lost._hint(10).travel_m == pytest.approx(3 * lost._hint(8).travel_m)
+    assert lost._hint(10).moved.travel_m == pytest.approx(3 * lost._hint(8).moved.travel_m)
     assert abs(a.height_m - b.height_m) < 0.01
 
 
@@ -69,7 +70,11 @@ def test_a_step_off_the_road_is_told_by_its_height(fast: tuple[FrameSource, Fron
         return Region(*(None, plane, None, None, (6.0, 20.0), 0.5, 1.0, 999, 0.1, camera.focal_px))  # type: ignore[arg-type]
 
     road = Extrinsics(1.65, 0.01, 0.0)
-    assert step_m(region(1.55), road, camera, 0.5, config) == pytest.approx(0.10)
-    assert step_m(region(1.75), road, camera, 0.5, config) == pytest.approx(-0.10)
-    assert step_m(region(1.60), road, camera, 0.5, config) is None
-    assert step_m(region(1.57), road, camera, 4.0, config) is None, "so far on the road may have risen"
+    assert step_m(region(1.55), road, camera, Moved(0.5), config) == pytest.approx(0.10)
+    assert step_m(region(1.75), road, camera, Moved(0.5), config) == pytest.approx(-0.10)
+    assert step_m(region(1.60), road, camera, Moved(0.5), config) is None
+    assert step_m(region(1.57), road, camera, Moved(4.0), config) is None, "so far on the road may have risen"
+    swinging = Moved(0.5, 0.017)
+    assert step_m(region(1.55), road, camera, swinging, config) is None, (
+        "a degree of swing brings the near road up"
+    )

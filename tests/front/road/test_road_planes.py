@@ -8,7 +8,7 @@ import pytest
 from stereocalib_core.config import DirectConfig, PipelineConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.road.estimate import begin_road, estimate_road, finish_road
-from stereocalib_core.front.road.surface import bends, fit_lane
+from stereocalib_core.front.road.surface import bends, fit_lane, further_bends, unseen_share
 from stereocalib_core.front.road.variants import eq12_roll
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.simulator.plane import render_plane
@@ -149,6 +149,26 @@ def test_a_lane_that_bends_along_is_not_taken_for_pitch() -> None:
     assert (np.abs(fit.solution[:3]) < 3.0 * sigma[:3]).all()
     alone = fit_lane(np.delete(J, 5, axis=1), offset, np.full(300, 0.02**2), config)
     assert np.abs(J[:, :3] @ fit.solution[:3]).max() < 0.3 * np.abs(J[:, :3] @ alone.solution[:3]).max()
+
+
+def test_a_crown_that_swings_aside_ahead_is_not_taken_for_roll() -> None:
+    """8 mm of it where the road turns ahead, seen where patches are dense, near by; a flat lane stays as it was."""
+    rng = np.random.default_rng(2)
+    config = DirectConfig()
+    z, x = 4.5 + 15.0 * rng.uniform(0.0, 1.0, 400) ** 2, rng.uniform(-1.7, 1.7, 400)
+    height_m, fb = 1.65, CAMERA.focal_px * CAMERA.baseline_m
+    px_per_m = fb / (height_m * z)
+    further = further_bends(x, z, config)
+    J = np.column_stack([CAMERA.focal_px * height_m / z, CAMERA.focal_px * x / z, np.ones(400)])
+    J = np.hstack([J, bends(x, z, config) * px_per_m[:, None]])
+    more = further * px_per_m[:, None], unseen_share(x, z, config)
+    noise, variance = rng.normal(0.0, 0.02, 400), np.full(400, 0.02**2)
+    swings = noise + 0.008 * further[:, 1] * px_per_m
+    found, without = (fit_lane(J, swings, variance, config, *extra) for extra in (more, ()))
+    assert abs(found.solution[1]) < 0.3 * abs(without.solution[1])
+    assert abs(found.solution[1]) < 3.0 * np.sqrt(found.covariance[1, 1])
+    flat, as_before = (fit_lane(J, noise, variance, config, *extra) for extra in (more, ()))
+    assert np.sqrt(flat.covariance[1, 1] / as_before.covariance[1, 1]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_direct_with_half_of_the_road_covered() -> None:
