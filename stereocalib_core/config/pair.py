@@ -35,15 +35,14 @@ class PairConfig:
     """Of a pair's motion when a strip is left out."""
     strip_share: float = 0.5
     """Of the jackknife over strips. Set on a few drives, then confirmed on 10 rendered ones (seeds 101 to 112)."""
-    share_of_yaw: float = 0.005
+    share_of_yaw: float = 0.0033
     """1 sigma as a share of the yaw: a turned picture moves rows too (x y yaw), and a search along rows takes that for
     disparity (x^2 yaw) where lines run towards the vanishing point. The lean that tracks keep takes most of it, to
-    first order. Tuned on rendered drives of 80 frames (town and curves, seeds 601 to 611, 0.006 to 0.29 deg): of the
-    five beyond 0.1 deg the largest two were 0.45 and 0.53 % off."""
-    least_sigma_px: float = 0.002
-    """1 sigma of the disparity offset that no drive removes [px]: what patches are matched off by on average. Tuned on
-    those drives, on seeds 612 to 622 and on 20 drives of 150 frames (seeds 800 to 829): with it 31 of the 42 lie within
-    1 sigma, 41 within 2; the longer ones more often (17 of 20) than the short ones (14 of 22)."""
+    first order. Maximum likelihood on 24 rendered drives of 200 frames and pieces of them (seeds 2000 to 2023)."""
+    least_sigma_px: float = 0.001
+    """1 sigma of the disparity offset that no drive removes [px]: what patches are matched off by on average. Tuned
+    with `share_of_yaw` on those drives: 71, 75 and 67 % of 200, 120 and 80 frames within 1 sigma; on 24 others (seeds
+    3000 to 3023, `python -m stereocalib_core.experiments.pair_sigma`) 71, 69 and 65 %."""
     unlike_turn: float = 0.5
     """A turn by the yaw shows in the rows as a keystone of the same size. One that is off by more than this share, and
     by `unlike_sigmas` of its own scatter besides, says that the offset of disparities is not, or not only, that of a

@@ -12,7 +12,8 @@ they are taken out of the disparities first and what is unsure of them adds to t
 Sigma is not that of the points, which share their scene with those of the next frame, and their faults. The drive is
 cut into groups of neighbouring pairs, and into its thirds: how much these disagree is what noise and scenes do. The
 picture is cut into upright strips: how much the yaw changes when one is left out is what stays the same all along
-the drive and is no yaw (a lens that is not quite as calibrated, rows that are not quite equal, a car ahead).
+the drive and is no yaw (a lens that is not quite as calibrated, rows that are not quite equal, a car ahead). The
+larger of the two counts. `experiments.pair_sigma` counts on rendered drives whether sigma holds.
 """
 
 from __future__ import annotations
@@ -299,8 +300,8 @@ def relative_yaw(
             "near and far points are too much alike: the scene has no range of depth", len(solution.used)
         )
     parts = [
-        grouped_sigma(solution, config.pairs_together),
-        strip_sigma(solution, config.strip_share),
+        # the points' noise is in both
+        max(grouped_sigma(solution, config.pairs_together), strip_sigma(solution, config.strip_share)),
         solution.leverage[0] * roll.sigma,
         solution.leverage[1] * pitch.sigma,
         config.least_sigma_px / tracks.camera.focal_px,
