@@ -20,8 +20,8 @@ from stereocalib_core.numeric.arrays import Array
 from stereocalib_core.run.calibrate import follow
 from stereocalib_core.sources import open_source
 
-FRESH = range(4000, 4024)
-"""Seeds that no number was chosen on (`config.pair`'s were 2000 to 2023)."""
+FRESH = range(4000, 4048)
+"""Seeds that no number was chosen on (`config.pair` says which those were)."""
 YAWS_DEG = (0.006, 0.25)
 PIECES = ((120, 80), (80, 60))
 """Frames of a piece, and from where to where the next begins."""

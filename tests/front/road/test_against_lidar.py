@@ -126,11 +126,22 @@ def test_the_road_agrees_with_the_lidar_over_the_same_region(
     assert np.mean(told < 2.0) >= 0.92
 
 
+@pytest.mark.xfail(
+    reason="the doubt whose road it is, and bends, make what a frame tells too wide here", strict=True
+)
+def test_sigma_that_a_frame_tells_is_not_too_wide(in_sigmas: tuple[np.ndarray, np.ndarray]) -> None:
+    told, _ = in_sigmas
+    assert np.mean(told < 1.0) <= 0.76
+
+
 def test_sigma_of_what_was_measured_is_the_difference_to_the_lidar(
     in_sigmas: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Neither too narrow nor too wide. Nothing in it was chosen on these drives: what neighbours share was on rendered
-    ones."""
+    """Neither too narrow nor too wide.
+
+    What neighbours share was chosen on rendered drives; which parts of sigma the LiDAR can judge at all was decided
+    with these two in view, so other recordings say more than this.
+    """
     _, measured = in_sigmas
     assert 0.60 <= np.mean(measured < 1.0) <= 0.76
     assert np.mean(measured < 2.0) >= 0.92
