@@ -60,6 +60,21 @@ def test_a_room_is_compiled_once_and_said_so(tmp_path: Path, monkeypatch: pytest
     assert len(said) == 3
 
 
+def test_machine_code_that_is_gone_is_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package that was installed anew in the same place: the cache remembers rooms that are no more."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    assert compiled.missing(list(compiled.SECONDS)) == []
+    for room in ("sources/formats", "simulator"):
+        (tmp_path / room / "__pycache__").mkdir(parents=True)
+    assert not compiled.in_place("sources", tmp_path)
+    (tmp_path / "sources" / "formats" / "__pycache__" / "png.unfilter-1.py311.nbi").touch()
+    assert compiled.in_place("sources", tmp_path)
+    (tmp_path / "simulator" / "__pycache__" / "planet.ray-1.py311.nbi").touch()
+    assert not compiled.in_place("simulator.plane", tmp_path)
+    (tmp_path / "simulator" / "__pycache__" / "plane.ray-1.py311.nbi").touch()
+    assert compiled.in_place("simulator.plane", tmp_path)
+
+
 def test_what_comes_later_does_not_hold_up_what_comes_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,17 +55,27 @@ def _marker() -> Path:
 
 
 def known_rooms(marker: Path) -> set[str]:
-    """The rooms that are compiled already."""
+    """The rooms that were compiled already."""
     try:
         return set(marker.read_text(encoding="utf-8").split())
     except (OSError, UnicodeDecodeError):
         return set()
 
 
+def in_place(room: str, package: Path = PACKAGE) -> bool:
+    """Whether the room's machine code is still beside its sources, where numba keeps it: a package that was installed
+    anew in the same place has none. Where numba keeps it elsewhere, it is not looked for."""
+    if "NUMBA_CACHE_DIR" in os.environ or not os.access(package, os.W_OK):
+        return True
+    path = package.joinpath(*room.split("."))
+    found = path.rglob("*.nbi") if path.is_dir() else path.parent.glob(f"__pycache__/{path.name}.*.nbi")
+    return any(True for _ in found)
+
+
 def missing(rooms: Sequence[str]) -> list[str]:
     """Those of `rooms` that are not compiled on this machine yet."""
     known = known_rooms(_marker())
-    return [room for room in rooms if room not in known]
+    return [room for room in rooms if room not in known or not in_place(room)]
 
 
 def known_also_in(cache: Path) -> None:

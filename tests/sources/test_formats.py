@@ -19,7 +19,7 @@ from stereocalib_core.sources import open_source
 from stereocalib_core.sources.calibrations import write_calibration
 from stereocalib_core.sources.lists import from_first
 
-FRAMES = 16
+FRAMES = 30
 ALL = {**LAYOUTS, **MORE}
 
 

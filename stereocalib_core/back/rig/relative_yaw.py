@@ -12,8 +12,9 @@ they are taken out of the disparities first and what is unsure of them adds to t
 Sigma is not that of the points, which share their scene with those of the next frame, and their faults. The drive is
 cut into groups of neighbouring pairs, and into its thirds: how much these disagree is what noise and scenes do. The
 picture is cut into upright strips: how much the yaw changes when one is left out is what stays the same all along
-the drive and is no yaw (a lens that is not quite as calibrated, rows that are not quite equal, a car ahead). The
-larger of the two counts. `experiments.pair_sigma` counts on rendered drives whether sigma holds.
+the drive and is no yaw (a lens that is not quite as calibrated, rows that are not quite equal, a car ahead). What
+strips disagree by in any drive, as patches are matched, is not that. `experiments.pair_sigma` counts on rendered
+drives whether sigma holds.
 """
 
 from __future__ import annotations
@@ -252,11 +253,12 @@ def _conditions(normal: Array, used: NDArray[np.int64]) -> Array:
     return found
 
 
-def grouped_sigma(solution: YawSolution, pairs_together: int) -> float:
+def grouped_sigma(solution: YawSolution, pairs_together: int, scenes_last: float = 1.0) -> float:
     """Standard deviation of the yaw [rad] by how much groups of neighbouring pairs disagree (sandwich, clustered).
 
     The thirds of the drive are its coarsest groups; where they disagree by more than the small ones let expect, the
-    drive has something slow in it, and sigma is what they say.
+    drive has something slow in it, and sigma is what they say. Few groups hardly know how much they disagree; so it is
+    never less than `scenes_last` times what pairs without anything in common would say.
     """
     total = solution.curvature.sum()
     sigmas = []
@@ -266,7 +268,7 @@ def grouped_sigma(solution: YawSolution, pairs_together: int) -> float:
         if len(sums) > 1:
             sigmas.append(np.sqrt(np.sum(sums**2) * len(sums) / (len(sums) - 1.0)) / total)
     single = float(np.sqrt(np.sum(solution.score**2)) / total)
-    return float(max([single, *sigmas]))
+    return float(max([scenes_last * single, *sigmas]))
 
 
 def strip_sigma(solution: YawSolution, share: float) -> float:
@@ -299,9 +301,12 @@ def relative_yaw(
         return _none(
             "near and far points are too much alike: the scene has no range of depth", len(solution.used)
         )
+    patches = config.patches_strips_px / tracks.camera.focal_px
     parts = [
-        # the points' noise is in both
-        max(grouped_sigma(solution, config.pairs_together), strip_sigma(solution, config.strip_share)),
+        grouped_sigma(solution, config.pairs_together, config.scenes_last),
+        np.sqrt(
+            max(strip_sigma(solution, config.strip_share) ** 2 - (config.strip_share * patches) ** 2, 0.0)
+        ),
         solution.leverage[0] * roll.sigma,
         solution.leverage[1] * pitch.sigma,
         config.least_sigma_px / tracks.camera.focal_px,
