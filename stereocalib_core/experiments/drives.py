@@ -15,8 +15,8 @@ import numpy as np
 
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError, StereoCalibError
-from stereocalib_core.front.pipeline import FrontEnd
 from stereocalib_core.numeric.arrays import Array
+from stereocalib_core.run.calibrate import follow
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
 
 COURSES = ("town", "curves", "straight")
@@ -58,16 +58,15 @@ def judge(drive: str, settings: PipelineConfig | None = None) -> Judged:
     first, _, last = part.partition(":")
     if not all(end.isdigit() or not end for end in (first, last)):
         raise ConfigError("no frames", f"@{part}", "write DRIVE@A:B, two frame numbers")
-    front_end = FrontEnd(source.camera, settings or PipelineConfig())
+    start, stop = int(first or 0), min(int(last or len(source)), len(source))
     error, sigma = [], []
-    frames = range(int(first or 0), min(int(last or len(source)), len(source)))
-    for i in frames:
-        road = front_end.step(source[i]).road
+    for step in follow(source, settings or PipelineConfig(), start, stop):
+        road = step.done.result.road
         if road is not None:
             e = road.extrinsics
-            error.append(np.array([e.height_m, e.pitch_rad, e.roll_rad]) - truth[i, :3])
+            error.append(np.array([e.height_m, e.pitch_rad, e.roll_rad]) - truth[step.frame.index, :3])
             sigma.append(road.sigma)
-    return Judged(len(frames), np.reshape(error, (-1, 3)), np.reshape(sigma, (-1, 3)))
+    return Judged(max(stop - start, 0), np.reshape(error, (-1, 3)), np.reshape(sigma, (-1, 3)))
 
 
 def together(parts: Sequence[Judged]) -> Judged:

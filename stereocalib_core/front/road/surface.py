@@ -61,10 +61,10 @@ def further_bends(x_m: Array, z_m: Array, config: DirectConfig) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _robust_normal(
+def _robust_fit(
     J: Array, offset: Array, variance: Array, loose: Array, rounds: int, tukey: float, min_scale: float
-) -> tuple[Array, Array, Array, Array]:
-    """Weighted least squares repeated with Tukey weights: solution, weights 0...1, normal matrix, right side.
+) -> tuple[Array, Array]:
+    """Weighted least squares repeated with Tukey weights: solution, weights 0...1.
 
     loose: (K, K) information added to the normal matrix while it is solved. The solution is NaN where it is singular.
     """
@@ -97,7 +97,7 @@ def _robust_normal(
             x[p] = change[p, 0] if fixed else np.nan
         if not fixed:
             break
-    return x, robust, H, b
+    return x, robust
 
 
 def fit_lane(
@@ -118,22 +118,16 @@ def fit_lane(
     """
     unknowns = J.shape[1]
     loose = np.diag(np.r_[np.zeros(SLOTS), np.full(unknowns - SLOTS, config.max_bend_m**-2.0)])
-    x, robust, H, b = _robust_normal(
-        J, offset, variance, loose, config.robust_rounds, config.tukey, config.min_scale
-    )
+    x, robust = _robust_fit(J, offset, variance, loose, config.robust_rounds, config.tukey, config.min_scale)
     if not np.isfinite(x).all():
         raise np.linalg.LinAlgError("the patches do not fix a plane")
     residual = offset - J @ x
     chi2 = float(np.sum(robust * residual**2 / variance) / np.sum(robust))
     # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
     scale = max(chi2, config.min_chi2)
-    weighted = J * (robust / (scale * variance))[:, None]
-    A, right = H / scale, b / scale
-    every = J
-    if further is not None:
-        every = np.hstack([J, further])
-        weighted = every * (robust / (scale * variance))[:, None]
-        A, right = every.T @ weighted, weighted.T @ offset
+    every = J if further is None else np.hstack([J, further])
+    weighted = every * (robust / (scale * variance))[:, None]
+    A, right = every.T @ weighted, weighted.T @ offset
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
     more = every.shape[1] - unknowns
