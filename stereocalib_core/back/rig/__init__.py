@@ -29,8 +29,8 @@ def warm_up() -> None:
 def _warm_up_pair() -> None:
     import numpy as np
 
-    from stereocalib_core.back.rig.relative_yaw import solve_yaw
     from stereocalib_core.back.rig.stereo_tracks import StereoTracks
+    from stereocalib_core.back.rig.yaw_solution import solve_yaw
     from stereocalib_core.config import PairConfig
     from stereocalib_core.geometry import StereoCamera
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.back.rig.relative_yaw import YawSolution
+from stereocalib_core.back.rig.yaw_solution import YawSolution
 from stereocalib_core.config.pair import PairConfig
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.numeric.arrays import Array

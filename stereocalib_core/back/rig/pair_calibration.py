@@ -18,15 +18,9 @@ from stereocalib_core.back.rig.depth_scale import LidarDisparity, path_scale
 from stereocalib_core.back.rig.pair import robust_mean
 from stereocalib_core.back.rig.pair_by_lidar import by_lidar
 from stereocalib_core.back.rig.pair_changes import Step, steps, stretches
-from stereocalib_core.back.rig.relative_yaw import (
-    RelativeYaw,
-    YawSolution,
-    as_it_may_be,
-    grouped_sigma,
-    relative_yaw,
-    solve_yaw,
-)
+from stereocalib_core.back.rig.relative_yaw import RelativeYaw, as_it_may_be, grouped_sigma, relative_yaw
 from stereocalib_core.back.rig.stereo_tracks import StereoTracks, stereo_tracks
+from stereocalib_core.back.rig.yaw_solution import YawSolution, solve_yaw
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.config.verdicts import REFERENCE_M, SURE
 from stereocalib_core.geometry import StereoCamera

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereocalib_core.back.rig.relative_yaw import YawSolution
 from stereocalib_core.back.rig.relative_yaw_kernels import MOTION, TURN, pair_equations
 from stereocalib_core.back.rig.stereo_tracks import StereoTracks
+from stereocalib_core.back.rig.yaw_solution import YawSolution
 from stereocalib_core.config import PairConfig
 from stereocalib_core.geometry import DisparityPlane, Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Array

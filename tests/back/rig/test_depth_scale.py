@@ -7,7 +7,7 @@ import pytest
 from test_relative_yaw import CAMERA, simulate
 
 from stereocalib_core.back.rig.depth_scale import lidar_disparity, path_scale
-from stereocalib_core.back.rig.relative_yaw import solve_yaw
+from stereocalib_core.back.rig.yaw_solution import solve_yaw
 from stereocalib_core.config.pair import PairConfig
 from stereocalib_core.results import Measured, RectificationSample
 

@@ -7,8 +7,8 @@ import pytest
 from test_relative_yaw import CAMERA, simulate
 
 from stereocalib_core.back.rig.pair_evidence import near_and_far, results_mended, rows_over_picture
-from stereocalib_core.back.rig.relative_yaw import solve_yaw
 from stereocalib_core.back.rig.stereo_tracks import stereo_tracks
+from stereocalib_core.back.rig.yaw_solution import solve_yaw
 from stereocalib_core.config import PairConfig
 from stereocalib_core.geometry import Extrinsics
 from stereocalib_core.results import (

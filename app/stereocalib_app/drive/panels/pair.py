@@ -21,8 +21,8 @@ from stereocalib_core.back.rig.pair_evidence import (
     results_mended,
     rows_over_picture,
 )
-from stereocalib_core.back.rig.relative_yaw import solve_yaw
 from stereocalib_core.back.rig.stereo_tracks import stereo_tracks
+from stereocalib_core.back.rig.yaw_solution import solve_yaw
 from stereocalib_core.geometry import StereoCamera
 from stereocalib_core.results import BEST, Drive, Measured, Pair
 
