@@ -162,23 +162,31 @@ def test_a_seek_shows_its_frame_at_once(hub: Hub) -> None:
     assert np.median(times[4:]) < 0.5, times
 
 
+def whole_picture(page: Any) -> Any:
+    """The canvas, not zoomed: whatever a test before this one, or a try before, has left."""
+    canvas = page.locator(".sc-picture")
+    page.get_by_role("button", name="Whole picture").click()
+    until(lambda: canvas.get_attribute("data-zoom") == "1.00", what="whole")
+    return canvas
+
+
 def test_the_picture_is_native_and_zooms_without_the_server(page: Any, hub: Hub) -> None:
     camera = hub.shared.session.source.camera
-    canvas = page.locator(".sc-picture")
+    canvas = whole_picture(page)
     assert canvas.get_attribute("data-size") == f"{camera.width}x{camera.height}"
-    sent = page.evaluate("() => { window.sent = 0; const s = WebSocket.prototype.send;"
-                         " WebSocket.prototype.send = function (m) { if (typeof m === 'string') window.sent++;"
-                         " return s.call(this, m); }; return window.sent; }")  # fmt: skip
-    assert sent == 0
+    page.evaluate("() => { window.sent = []; const s = WebSocket.prototype.send;"
+                  " WebSocket.prototype.send = function (m) {"
+                  " if (typeof m === 'string') window.sent.push(JSON.parse(m).t);"
+                  " return s.call(this, m); }; }")  # fmt: skip
     page.get_by_role("button", name="Zoom in").click()
     until(lambda: canvas.get_attribute("data-zoom") == "1.50", what="zoomed")
     box = canvas.bounding_box()
     page.mouse.move(box["x"] + 50, box["y"] + 50)
     page.mouse.wheel(0, -400)
     until(lambda: float(canvas.get_attribute("data-zoom")) > 2.0, what="zoomed by the wheel")
-    assert page.evaluate("() => window.sent") <= 1  # the disparity under the pointer, once
-    page.get_by_role("button", name="Whole picture").click()
-    until(lambda: canvas.get_attribute("data-zoom") == "1.00", what="whole")
+    # the disparity under the pointer, once; "shown" answers what the server sent of itself, as pictures that come late
+    assert [kind for kind in page.evaluate("() => window.sent") if kind != "shown"] in ([], ["disparity"])
+    whole_picture(page)
 
 
 def test_a_pixel_is_read_off_in_metres(page: Any, hub: Hub) -> None:
@@ -189,7 +197,7 @@ def test_a_pixel_is_read_off_in_metres(page: Any, hub: Hub) -> None:
     from stereocalib_core.geometry import image_to_road, road_to_image
 
     u, v, _ = road_to_image(session.source.camera, result.road.extrinsics, np.array([0.5, 0.0, 9.0]))
-    canvas = page.locator(".sc-picture")
+    canvas = whole_picture(page)
     canvas.scroll_into_view_if_needed()
     box = canvas.bounding_box()
     scale = box["width"] / session.source.camera.width
