@@ -263,14 +263,19 @@ class Extrinsics:
 
     def plane(self) -> Plane:
         """The road in the camera frame; its normal points down."""
-        return Plane(self.R_camera_road[:, 1].copy(), self.height_m)
+        cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
+        cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)
+        return Plane(np.array([-sr, cp * cr, sp * cr]), self.height_m)
 
     @classmethod
     def from_plane(cls, plane: Plane, yaw_rad: float = 0.0) -> Extrinsics:
         """From a plane in the camera frame: n = (-sin rho, cos theta cos rho, sin theta cos rho)."""
         n = plane.normal
         return cls(
-            plane.offset_m, float(np.arctan2(n[2], n[1])), float(-np.arcsin(np.clip(n[0], -1, 1))), yaw_rad
+            plane.offset_m,
+            float(np.arctan2(n[2], n[1])),
+            float(-np.arcsin(min(max(n[0], -1.0), 1.0))),
+            yaw_rad,
         )
 
     def disparity_plane(self, camera: StereoCamera) -> DisparityPlane:

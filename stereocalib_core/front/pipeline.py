@@ -32,6 +32,7 @@ from stereocalib_core.front.scan.road_surface import RoadSurface
 from stereocalib_core.front.scan.scan_disparity import scan_disparities
 from stereocalib_core.front.scan.scan_sample import sample_scan
 from stereocalib_core.front.scan.view import ScanView
+from stereocalib_core.front.tracks.corners import Sharpness
 from stereocalib_core.front.tracks.tracks import PairView, TrackerState, advance
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
@@ -71,13 +72,15 @@ class Look:
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
-    """What a pair shows by itself: the check of its own rows, and its dense disparity, where a road is looked for.
+    """What a pair shows by itself: the check of its own rows, its dense disparity, where a road is looked for, and
+    where the left picture is sharp.
 
     None of it needs the pair before, so that pairs may be prepared at the same time.
     """
 
     examined: Examination
     begun: RoadResult
+    sharpness: Sharpness
     rows_ms: float
 
 
@@ -131,7 +134,8 @@ class FrontEnd:
         begun = begin_road(left, right, self.camera, config, self.matcher, past, whole)
         began = time.perf_counter()
         examined = examine(self.camera, left, right, config.rectification)
-        return Prepared(examined, begun, 1e3 * (time.perf_counter() - began))
+        rows_ms = 1e3 * (time.perf_counter() - began)
+        return Prepared(examined, begun, Sharpness.of(left), rows_ms)
 
     def _is_mine(self, frame: StereoFrame) -> bool:
         return frame.camera is None or frame.camera == self.camera
@@ -175,7 +179,7 @@ class FrontEnd:
             )  # fmt: skip
             return Look(failed, road)
         began = time.perf_counter()
-        tracks = self._track(frame.index, left, right, road)
+        tracks = self._track(frame.index, left, right, road, prepared.sharpness)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
         began = time.perf_counter()
         estimate, ahead = self._bent(road)
@@ -287,13 +291,16 @@ class FrontEnd:
             FailureReason.FROZEN, f"the {'left' if same[0] else 'right'} camera repeats its last picture"
         )
 
-    def _track(self, index: int, left: Grey, right: Grey, road: RoadResult) -> Tracks | None:
+    def _track(
+        self, index: int, left: Grey, right: Grey, road: RoadResult, sharpness: Sharpness
+    ) -> Tracks | None:
         if road.matched is None:
             return None
         if road.estimate is not None:
             self._road = road.estimate.extrinsics
             self._past.append(self._road)
-        view = PairView(index, left, right, road.disparity, self._standing, road.estimate is not None)
+        known = road.estimate is not None
+        view = PairView(index, left, right, road.disparity, self._standing, known, sharpness)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
         self._carry(index, self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)

@@ -35,6 +35,25 @@ def halve(image: Grey) -> Grey:
     )
 
 
+@dataclass(frozen=True)
+class Sharpness:
+    """What a left picture shows by itself: nothing of it needs the road or the pair before.
+
+    pyramid: at full, half and quarter size, uint8. strength: (H // 2, W // 2) float32, least eigenvalue of the
+    gradients about each pixel of the half size (OpenCV's cornerMinEigenVal).
+    """
+
+    pyramid: tuple[Grey, Grey, Grey]
+    strength: NDArray[np.float32]
+
+    @staticmethod
+    def of(left: Grey) -> Sharpness:
+        """left: (H, W) uint8."""
+        half = halve(left)
+        strength = np.asarray(cv2.cornerMinEigenVal(half, 5, ksize=3), dtype=np.float32)
+        return Sharpness((left, half, halve(half)), strength)
+
+
 @njit(cache=True, nogil=True)
 def _best_of_cells(
     score: NDArray[np.float32],
@@ -94,21 +113,20 @@ def find_corners(
     camera: StereoCamera,
     left: Grey,
     right: Grey,
-    half_left: Grey,
+    strength: NDArray[np.float32],
     extrinsics: Extrinsics,
     disparity: DisparityMap,
     road_known: bool,
     config: TracksConfig | None = None,
 ) -> Corners:
-    """Corners on and above the road, their disparity refined; left, right (H, W), half_left (H // 2, W // 2).
+    """Corners on and above the road, their disparity refined; left, right (H, W), strength as in `Sharpness`.
 
     `road_known` False gives none on the road and takes `extrinsics` as a rough guess.
     """
     settings = config or TracksConfig()
     rules, patch = settings.corners, settings.patch
-    score = np.asarray(cv2.cornerMinEigenVal(half_left, 5, ksize=3), dtype=np.float32)
     values = at_half_size(disparity)
-    rows, columns = min(score.shape[0], values.shape[0]), min(score.shape[1], values.shape[1])
+    rows, columns = min(strength.shape[0], values.shape[0]), min(strength.shape[1], values.shape[1])
     p = extrinsics.disparity_plane(camera)
     # half-size column j is u = 2 j + 0.5
     plane = np.array(
@@ -124,7 +142,7 @@ def find_corners(
             rules.above_road_m / extrinsics.height_m,
         ]
     )
-    score = np.ascontiguousarray(score[:rows, :columns])
+    score = np.ascontiguousarray(strength[:rows, :columns])
     values = np.ascontiguousarray(values[:rows, :columns])
     least, tolerance = rules.min_score, rules.road_tolerance_px
     cell = (rules.road_cell_px[0] // 2, rules.road_cell_px[1] // 2)

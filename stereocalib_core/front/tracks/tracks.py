@@ -9,14 +9,14 @@ column and disparity (cars, shadows, reflections) is dropped. No correction sett
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core.config import OdometryConfig, TracksConfig
 from stereocalib_core.front.tracks.bent_pair import Judge, judge_by
-from stereocalib_core.front.tracks.corners import Corners, find_corners, halve, slopes
+from stereocalib_core.front.tracks.corners import Corners, Sharpness, find_corners, slopes
 from stereocalib_core.front.tracks.pair_motion import reprojection, robust_motion
 from stereocalib_core.front.tracks.patches import follow
 from stereocalib_core.front.tracks.row_patches import match_rows, row_leans
@@ -37,7 +37,7 @@ class PairView:
     """What the tracker sees of one stereo pair.
 
     left, right: (H, W) uint8. disparity: the pair's own. extrinsics: the pair's own road, or where it shows
-    none (`road_known` False) the last known or nominal one.
+    none (`road_known` False) the last known or nominal one. sharpness: of the left picture, where it is made already.
     """
 
     index: int
@@ -46,6 +46,7 @@ class PairView:
     disparity: DisparityMap
     extrinsics: Extrinsics
     road_known: bool = True
+    sharpness: Sharpness | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -66,10 +67,10 @@ def advance(
 ) -> tuple[TrackerState, Tracks | None]:
     """The next usable pair: the new state, and the tracks from the pair before, if there are any."""
     config = config or TracksConfig()
-    half = halve(view.left)
-    pyramid = (view.left, half, halve(half))
+    sharpness = view.sharpness or Sharpness.of(view.left)
+    pyramid, strength = sharpness.pyramid, sharpness.strength
     corners = find_corners(
-        camera, view.left, view.right, half, view.extrinsics, view.disparity, view.road_known, config
+        camera, view.left, view.right, strength, view.extrinsics, view.disparity, view.road_known, config
     )
     tracks: Tracks | None = None
     motion: Array | None = None
@@ -78,7 +79,7 @@ def advance(
         if 0 < jump <= config.max_jump + 1:
             tracks, found = _track(camera, state, view, pyramid, jump, config)
             motion = None if found is None else found / jump
-    return TrackerState(view, pyramid, corners, motion), tracks
+    return TrackerState(replace(view, sharpness=None), pyramid, corners, motion), tracks
 
 
 def _track(
