@@ -17,9 +17,12 @@ from stereocalib_core.numeric.small_algebra import rotation_from_vector
 def curvature_of(
     motion: Array | None, height_m: float = USUAL_HEIGHT_M, config: RegionConfig | None = None
 ) -> float:
-    """[1/m] of the car's way, positive to the right; motion: (6,) of T_current_previous. 0 where it hardly moves."""
+    """[1/m] of the car's way, positive to the right; motion: (6,) of T_current_previous. 0 where it hardly moves.
+
+    A car that backs up has the arc ahead that it came along.
+    """
     least_travel_m = (config or RegionConfig()).least_travel * height_m
-    if motion is None or -motion[5] < least_travel_m:
+    if motion is None or abs(motion[5]) < least_travel_m:
         return 0.0
     return float(motion[1] / motion[5])
 
@@ -29,7 +32,7 @@ def way_of(motion: Array | None, height_m: float, config: RegionConfig) -> Way:
 
     The translation is the arc's chord: seen from the camera now, its tangent is turned on by half of the turn.
     """
-    if motion is None or -motion[5] < config.least_travel * height_m:
+    if motion is None or abs(motion[5]) < config.least_travel * height_m:
         return Way()
     slope = motion[3] / motion[5] - 0.5 * motion[1]
     curvature = curvature_of(motion, height_m, config)
@@ -45,7 +48,7 @@ def carried_on(roads: Iterable[Extrinsics | None], motion: Array) -> list[Extrin
 
 def heading_of(motion: Array | None, height_m: float, config: RegionConfig) -> float | None:
     """x / z of where the car points, seen from the camera, by a pair that drives straight; None: it does not."""
-    if motion is None or -motion[5] < config.least_travel * height_m:
+    if motion is None or abs(motion[5]) < config.least_travel * height_m:
         return None
     if abs(curvature_of(motion, height_m, config)) > config.straight_per_m:
         return None

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stereocalib_core.config import LaneConfig, PipelineConfig
+from stereocalib_core.config import LaneConfig, PipelineConfig, RegionConfig
+from stereocalib_core.front.car_way import way_of
 from stereocalib_core.front.pipeline import FrontEnd, curvature_of
 from stereocalib_core.front.road.ahead import bend_ahead
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -110,6 +111,18 @@ def test_curvature_is_positive_to_the_right() -> None:
     assert curvature_of(np.array([0.0, -0.01, 0.0, 0.0, 0.0, -1.0])) == pytest.approx(0.01)
     assert curvature_of(np.array([0.0, -0.01, 0.0, 0.0, 0.0, -0.01])) == 0.0
     assert curvature_of(None) == 0.0
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_car_that_backs_up_has_the_way_ahead_that_it_came_along(backwards: bool) -> None:
+    # along an arc to the right, by a camera that points along it: 1 m on it has turned by 0.02 rad
+    turn, chord = 0.02, np.array([0.01, 1.0])
+    on = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ -chord
+    forwards = np.array([0.0, -turn, 0.0, on[0], 0.0, on[1]])
+    motion = np.array([0.0, turn, 0.0, chord[0], 0.0, chord[1]]) if backwards else forwards
+    way = way_of(motion, NEAR.height_m, RegionConfig())
+    assert way.slope == pytest.approx(0.0, abs=1e-4)
+    assert way.curvature_per_m == pytest.approx(0.02, rel=1e-3)
 
 
 def test_sigma_of_a_drive_over_ramps_covers_its_errors() -> None:
