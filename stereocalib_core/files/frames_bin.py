@@ -167,6 +167,30 @@ def read_frames(path: Path) -> tuple[StereoCamera, list[Done]]:
         raise OutputError("frames without a camera", path, "run the drive again") from error
 
 
+def read_outline(path: Path) -> tuple[StereoCamera, int]:
+    """Camera and number of frames of such a file, by the lengths that stand before its records: of an hour's drive in
+    a moment. Whether the frames are whole only `read_frames` tells. Raises OutputError."""
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise OutputError("no checkpoint", path, "start afresh with --overwrite")
+            end = os.fstat(file.fileno()).st_size
+            length, _ = _HEAD.unpack(file.read(_HEAD.size))
+            header = json.loads(file.read(length))
+            place, frames = file.tell(), 0
+            while place + _HEAD.size <= end:
+                length, _ = _HEAD.unpack(os.pread(file.fileno(), _HEAD.size, place))
+                place += _HEAD.size + length
+                if not 0 < length <= MOST_BYTES_OF_A_RECORD or place > end:
+                    break
+                frames += 1
+        return StereoCamera(**header["camera"]), frames
+    except OSError as error:
+        raise OutputError("checkpoint cannot be read", path, error.strerror or "check its rights") from error
+    except (struct.error, KeyError, TypeError, ValueError, StereoCalibError) as error:
+        raise OutputError("frames without a camera", path, "run the drive again") from error
+
+
 @dataclass(frozen=True)
 class _Record:
     """payload; chain: the checksum up to and with it; end: where it ends in the file."""

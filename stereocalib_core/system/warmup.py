@@ -58,6 +58,8 @@ def main(rooms: Sequence[str]) -> None:
         warm_up(room)
         sys.stdout.write(f"{room}\n")
         sys.stdout.flush()
+    if "simulator" in (rooms or SECONDS):
+        importlib.import_module("stereocalib_core.sources.formats.synthetic").keep_town_of_this_version()
     if not rooms:
         compile_modules()
         remember(list(SECONDS))

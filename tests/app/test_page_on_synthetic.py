@@ -16,10 +16,13 @@ from conftest import (
     seen_page,
     shown_frame,
     slider_entry,
+    stop_page,
     tab,
     text_entry,
     until,
 )
+from stereocalib_app.drive import serve as app_server
+from stereocalib_app.server.first_look import begin
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.words.lessons import LESSONS
 
@@ -235,3 +238,23 @@ def test_a_zip_is_uploaded(page: Any, hub: Hub, tmp_path: Path) -> None:
     chooser.value.set_files(str(archive))
     until(lambda: hub.shared.playback.total == 3, what="uploaded drive")
     assert hub.shared.session.wait(60.0)
+
+
+def test_a_browser_that_comes_before_the_drive_sees_pictures_first_and_then_the_rest(
+    root: Path, browser: Any
+) -> None:
+    """As from the command line: the page is loaded while the drive is not there yet."""
+    begun = begin("127.0.0.1", 0)
+    early = browser.new_page()
+    early.goto(f"http://127.0.0.1:{begun.server.get_port()}/")
+    running = app_server.start("synthetic:plane?frames=6", opening=app_server.Opening(root=root), begun=begun)
+    try:
+        assert running.shared.scene.scene is None
+        until(lambda: early.locator(".sc-picture[data-frame]").count(), what="picture")
+        until(lambda: running.shared.scene.scene is not None, what="3-D view")
+        early.wait_for_selector("stereocalib-timeline canvas", timeout=60_000)
+        assert running.shared.session.wait(60.0)
+        until(lambda: "autocalibrated" in running.shared.scene.scene._paths, what="path in 3-D")
+    finally:
+        early.close()
+        stop_page(running)

@@ -276,9 +276,9 @@ def test_sigterm_leaves_no_upload_behind(tmp_path: Path) -> None:
     code = (
         "import sys, tempfile; from pathlib import Path; from stereocalib_app.drive import serve as s;"
         "from stereocalib_app.server import until_stopped as u; real = u.until_stopped\n"
-        "def patched(server, host, token=None):\n"
+        "def patched():\n"
         "    folder = Path(tempfile.mkdtemp(prefix='stereocalib-upload-')); print(folder, flush=True)\n"
-        "    hubs[0].library._uploads[0] = folder; real(server, host, token)\n"
+        "    hubs[0].library._uploads[0] = folder; real()\n"
         "hubs = []; start = s.start\n"
         "def started(*a, **k):\n    hubs.append(start(*a, **k)); return hubs[0]\n"
         "s.start = started; u.until_stopped = patched\n"
@@ -287,9 +287,9 @@ def test_sigterm_leaves_no_upload_behind(tmp_path: Path) -> None:
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
+        assert process.stdout.readline().startswith("http://")
         folder = Path(process.stdout.readline().strip())
         assert folder.is_dir()
-        assert process.stdout.readline().startswith("http://")
         time.sleep(0.5)
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 143

@@ -10,7 +10,7 @@ from stereocalib_app.boards.page import LidarPage
 from stereocalib_app.boards.session import LidarSession
 from stereocalib_app.boards.watch import has_pairs, wait_for_pairs
 from stereocalib_app.server.security import LocalServer, create_server, stop_server
-from stereocalib_app.server.until_stopped import until_stopped
+from stereocalib_app.server.until_stopped import say_address, until_stopped
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ def serve(
         wait_for_pairs(folder)
     view = start(folder, host, port, token, watch)
     try:
-        until_stopped(view.server, host, token)
+        say_address(view.server, host, token)
+        until_stopped()
     finally:
         view.close()

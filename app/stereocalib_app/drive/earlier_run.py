@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from stereocalib_app.drive.drive_parts import NO_LIMITS, Limits, judged, part_of
-from stereocalib_app.drive.session import Session
+from stereocalib_app.drive.session import Kept, Session
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, StereoCalibError
 from stereocalib_core.files.frame_record import Done
-from stereocalib_core.files.frames_bin import read_frames
+from stereocalib_core.files.frames_bin import read_frames, read_outline
 from stereocalib_core.files.run_folder import CONFIG, load_run
 from stereocalib_core.frames import FrameSource, GroundTruth, Recording, StereoFrame
 from stereocalib_core.geometry import StereoCamera
@@ -31,31 +31,30 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS, door: Callable[[str], str
     door: says what a source may be opened as, and raises where it may not.
     """
     drive = load_run(folder)
-    first = int(drive.frames.frame[0])
-    # both take seconds where there are tens of thousands of frames
-    with ThreadPoolExecutor(1, thread_name_prefix="opening") as aside:
-        opening = aside.submit(lambda: open_source(door(drive.source)))
-        camera, finished, lost = whole_frames(folder, drive)
+    first, count = int(drive.frames.frame[0]), len(drive.frames)
+    camera = outlined_camera(folder, drive)
+    lost = () if camera is not None else lost_frames(folder)
     config, other_settings = saved_config(folder, drive)
-    finished = [from_frame(done, first) for done in finished]
     span = None
     try:
-        whole = opening.result()
+        whole = open_source(door(drive.source))
         if drive.mended is not None:
             whole = mended_by(whole, drive.mended)
-        stop = min(first + len(finished), len(whole))
-        source, finished = part_of(whole, first, stop), finished[: stop - first]
+        stop = min(first + count, len(whole))
+        source, count = part_of(whole, first, stop), stop - first
         span = None if (first, stop) == (0, len(whole)) else (first, stop)
     except StereoCalibError as error:
-        times = np.array([done.result.timestamp_s for done in finished])
+        times = drive.frames.elapsed_s
         source = without_pictures(folder, camera or UNKNOWN_CAMERA, times, str(error))
         lost += ("the pictures are not where they were: only the numbers are shown",)
     shown = judged(drive, limits)
+    table = [from_frame(Done(r, NOTHING, 0.0), first) for r in drive.frames.results()[:count]]
     return Session(
         source,
         config,
         spec=drive.source,
-        finished=finished,
+        finished=table,
+        reading=None if camera is None else partial(kept_frames, folder, len(drive.frames), first, count),
         analyse=lambda _results: shown,
         frames=span,
         run_folder=folder,
@@ -64,18 +63,32 @@ def open_run(folder: Path, limits: Limits = NO_LIMITS, door: Callable[[str], str
     )
 
 
-def whole_frames(folder: Path, drive: Drive) -> tuple[StereoCamera | None, list[Done], tuple[str, ...]]:
-    """Camera and frames of frames.bin, where it is there and whole; else no camera, the frames of
-    extrinsics.csv, and what is lost by that."""
-    path = folder / FRAMES
-    lost: tuple[str, ...] = ()
-    if path.is_file():
-        with contextlib.suppress(StereoCalibError):
-            camera, finished = read_frames(path)
-            if len(finished) == len(drive.frames):
-                return camera, finished, ()
-        lost = (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
-    return None, [Done(result, FrontEndMemory(None, None), 0.0) for result in drive.frames.results()], lost
+NOTHING = FrontEndMemory(None, None)
+"""What a table knows of what the front end remembered."""
+
+
+def outlined_camera(folder: Path, drive: Drive) -> StereoCamera | None:
+    """The camera of frames.bin where it holds as many frames as the run has, else None."""
+    with contextlib.suppress(StereoCalibError):
+        camera, frames = read_outline(folder / FRAMES)
+        return camera if frames == len(drive.frames) else None
+    return None
+
+
+def lost_frames(folder: Path) -> tuple[str, ...]:
+    """What cannot be shown without the frames of frames.bin, where they should be there."""
+    if not (folder / FRAMES).is_file():
+        return ()
+    return (f"{FRAMES} is damaged or of another version: nothing to correct, no limits",)
+
+
+def kept_frames(folder: Path, frames: int, first: int, count: int) -> Kept:
+    """Frames first ... first + count - 1 of frames.bin, which has so many frames, numbered from there."""
+    with contextlib.suppress(StereoCalibError):
+        finished = read_frames(folder / FRAMES)[1]
+        if len(finished) == frames:
+            return Kept([from_frame(done, first) for done in finished[:count]])
+    return Kept((), lost_frames(folder))
 
 
 def saved_config(folder: Path, drive: Drive) -> tuple[PipelineConfig, tuple[str, ...]]:

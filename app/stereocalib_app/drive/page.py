@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
+from stereocalib_app.drive.debut import Debut
 from stereocalib_app.drive.frame_views import Lesson, Look
 from stereocalib_app.drive.lesson_marks import path_around
 from stereocalib_app.drive.moment import Moment, filtered_at
@@ -74,11 +75,13 @@ class Page(PageBase):
         name: str,
         owner: int | None = None,
         settings: Settings | None = None,
+        debut: Debut | None = None,
     ) -> None:
         super().__init__(api.gui)
         self._keeper, self.api, self.session, self.name, self.owner = keeper, api, session, name, owner
         self.shared = owner is None
         self.settings = settings or Settings()
+        self.debut = debut or Debut(over=True)
         self.what_if = WhatIf(lambda: self.settings.corrections, lambda new: self.change(corrections=new))
         self.doors = Doors(
             keeper.library.root,
@@ -110,7 +113,7 @@ class Page(PageBase):
             self.views = ViewsPanel(self)
             self.header = HeaderPanel(self)
             self.plots = PlotsPanel(self)
-            self.scene = ScenePart(self, api, name)
+            self.scene = ScenePart(self, api, name, self.debut)
         self.parts: dict[str, Any] = {**self.header.parts, **self.plots.parts}
 
     def start(self) -> None:
@@ -250,12 +253,12 @@ class Page(PageBase):
             # Its elements are gone: a clock that went on would speak to nobody, for ever.
             self.playback.close()
             return
-        if key == last:
+        if key == last and not self.scene.due:
             return
         frame_changed = last is None or last[0] != clock.frame or last[3].playing != clock.playing
         settings_changed = last is None or last[2] != settings or last[4] != self._revision
         drive_changed = last is None or last[1] != snapshot.version
-        if self.session.tracks:
+        if self.session.tracks and snapshot.paths is not None:
             paths = self._book.state(snapshot.paths, settings.corrections)
         else:
             paths = self._book.saved(None if snapshot.drive is None else snapshot.drive.poses)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereocalib_app.drive.debut import Debut
+from stereocalib_app.drive.frame_views import FrameView
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.panel import Host
 from stereocalib_app.drive.scene import Scene
@@ -22,28 +24,49 @@ PLAYING_M, RESTING_M = 0.10, 0.06
 class ScenePart:
     """The camera over the road, its cloud, and the paths."""
 
-    def __init__(self, host: Host, api: Any, name: str) -> None:
-        self._host = host
-        self.scene = Scene(api, host.session.source.camera, name)
+    def __init__(self, host: Host, api: Any, name: str, debut: Debut) -> None:
+        self._host, self._api, self._name, self._debut = host, api, name, debut
+        self.scene: Scene | None = None
+        self._view: FrameView | None = None
+        if debut.over:
+            self._build()
         self._shown_paths: tuple[Any, ...] = ()
         self._marked: tuple[int, ...] = ()
         self._positions: dict[str, NDArray[np.float64]] = {}
 
+    @property
+    def due(self) -> bool:
+        """Whether there is a scene to be built, now."""
+        return self.scene is None and self._debut.over
+
+    def _build(self) -> Scene:
+        self.scene = Scene(self._api, self._host.session.source.camera, self._name)
+        return self.scene
+
     def update(self, moment: Moment) -> None:
         """Show the frame."""
-        best = moment.best
-        if moment.view is not None:
+        best, view = moment.best, moment.view
+        if view is not None:
+            self._view = view
+        scene = self.scene
+        if scene is None:
+            if not self._debut.over:
+                return
+            scene, view = self._build(), self._view
+        if view is not None:
             size_m = PLAYING_M if moment.clock.playing else RESTING_M
-            self.scene.show_cloud(moment.view.points, moment.view.colors, moment.settings.cloud, size_m)
+            scene.show_cloud(view.points, view.colors, moment.settings.cloud, size_m)
             # Three pictures a tick would slow browsers down: while playing, the frustum stays empty.
-            self.scene.show_image(None if moment.clock.playing else moment.view.small)
+            scene.show_image(None if moment.clock.playing else view.small)
         road = None if best is None else best[0]
-        self.scene.show_road(road, self._caption(moment))
-        self.scene.place_car(self._T_world_road(moment, road), moment.settings.follow)
+        scene.show_road(road, self._caption(moment))
+        scene.place_car(self._T_world_road(moment, road), moment.settings.follow)
         self.show_paths(moment)
 
     def show_paths(self, moment: Moment) -> None:
         """Redraw the paths where they, or what is shown of them, changed."""
+        if self.scene is None:
+            return
         state = (
             moment.paths,
             moment.settings.paths,
@@ -66,16 +89,16 @@ class ScenePart:
             if errors is not None:
                 colors["autocalibrated"] = error_colors(errors, len(positions["autocalibrated"]))
         self.scene.show_paths(positions, moment.settings.paths, colors)
-        self._show_markers(positions.get("autocalibrated"), moment.settings.markers)
+        self._show_markers(self.scene, positions.get("autocalibrated"), moment.settings.markers)
         self._shown_paths = state
 
-    def _show_markers(self, positions: NDArray[np.float64] | None, visible: bool) -> None:
+    def _show_markers(self, scene: Scene, positions: NDArray[np.float64] | None, visible: bool) -> None:
         """Pose markers, at most MARKERS of them; a click goes to the frame."""
         if positions is None or len(positions) == 0:
             return
         step = max(1, int(np.ceil(len(positions) / MARKERS)))
         frames = tuple(range(0, len(positions), step))
-        node = self.scene.show_markers(positions[list(frames)], visible)
+        node = scene.show_markers(positions[list(frames)], visible)
         self._marked = frames
         if node is None:
             return
@@ -112,7 +135,8 @@ class ScenePart:
 
     def close(self) -> None:
         """Remove the nodes."""
-        self.scene.close()
+        if self.scene is not None:
+            self.scene.close()
 
 
 def error_colors(errors: NDArray[np.float64], count: int) -> NDArray[np.uint8]:

@@ -31,10 +31,20 @@ FIRST_ANALYSIS_S = 2.0
 """The whole drive is first analysed this long after the start, then so that it takes below a tenth."""
 ANALYSIS_SHARE = 0.1
 LONGEST_WAIT_S = 8.0
+HELD_S = 0.03
+"""Between two looks whether it may go on."""
 FIRST_FRAMES = 8
 """Fewer frames are not worth an analysis."""
 
 Analyse = Callable[[Sequence[FrameResult]], Drive | None]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What an earlier run kept of its frames. frames: none where they cannot be read. lost: what that means."""
+
+    frames: Sequence[Done]
+    lost: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,8 +83,9 @@ class Session:
     """Owns the worker that computes a drive. Threads read `snapshot`, which is immutable.
 
     spec: the SOURCE that `run` would be given. run_folder: the earlier run that was opened, or None.
-    finished: frames 0, 1, ... that need not be computed again. tracks: whether `finished` holds their tracks,
-    without which no path can be computed anew. notices: what the page cannot show of it.
+    finished: frames 0, 1, ... that need not be computed again. reading: reads the same frames with all that an earlier
+    run kept of them, which takes its time for a long drive: until then the page shows `finished`. tracks: whether there
+    are tracks, without which no path can be computed anew. notices: what the page cannot show of it.
     """
 
     def __init__(
@@ -85,6 +96,7 @@ class Session:
         spec: str = "",
         analyse: Analyse | None = None,
         finished: Sequence[Done] = (),
+        reading: Callable[[], Kept] | None = None,
         rig: Path | None = None,
         frames: tuple[int, int] | None = None,
         run_folder: Path | None = None,
@@ -93,13 +105,15 @@ class Session:
     ) -> None:
         self.source, self.config, self.spec, self.rig = source, config, spec or source.name, rig
         self.frames, self.run_folder, self.tracks, self.notices = frames, run_folder, tracks, notices
-        self._analyse = analyse
+        self._analyse, self._reading = analyse, reading
         self._matcher = MatchedOnce(find_matcher(config.disparity.matcher))
         self._views: dict[str, FrameViews] = {}
         self.views = self.views_with("")
         self._snapshot = Snapshot(total=len(source))
         self._done = list(finished)
         self._stop = threading.Event()
+        self.held: Callable[[int], bool] = lambda done: False
+        """Whether no frame shall be begun for now, after so many."""
         self._thread = threading.Thread(target=self._run, name="front end", daemon=True)
 
     @property
@@ -118,9 +132,9 @@ class Session:
 
     def _before(self, frame: int) -> list[tuple[FrameResult, FrontEndMemory]]:
         """What the front end remembered when it came to `frame`; nothing where it has not come so far."""
-        before = [d for d in self._done if d.result.frame < frame]
-        known = bool(before) and before[-1].result.frame == frame - 1
-        return [(d.result, d.memory) for d in before] if known else []
+        if self._reading is not None or len(self._done) < frame:
+            return []
+        return [(d.result, d.memory) for d in self._done[:frame]]
 
     def views_with(self, broken_stage: str) -> FrameViews:
         """The views of the drive, or of what a broken stage makes of it."""
@@ -158,11 +172,25 @@ class Session:
     def _publish(self, **changes: Any) -> None:
         self._snapshot = replace(self._snapshot, version=self._snapshot.version + 1, **changes)
 
+    def _read(self) -> None:
+        """What an earlier run kept of its frames; its numbers are on show meanwhile."""
+        if self._reading is None:
+            return
+        results = tuple(done.result for done in self._done)
+        drive = None if self._analyse is None else self._analyse(results)
+        self._publish(results=results, drive=self._told(drive, results), analysed=len(results))
+        kept, self._reading = self._reading(), None
+        if kept.frames:
+            self._done = list(kept.frames)
+        else:
+            self.tracks, self.notices = False, self.notices + kept.lost
+
     def _run(self) -> None:
-        started, known = time.monotonic(), len(self._done)
-        results = [done.result for done in self._done]
-        next_analysis = started + FIRST_ANALYSIS_S
         try:
+            self._read()
+            started, known = time.monotonic(), len(self._done)
+            results = [done.result for done in self._done]
+            next_analysis = started + FIRST_ANALYSIS_S
             if 0 < known < len(self.source):
                 self._publish(results=tuple(results))
                 self._update_analysis(results)
@@ -180,6 +208,8 @@ class Session:
                     spent = self._update_analysis(results)
                     pause = min(max(FIRST_ANALYSIS_S, spent / ANALYSIS_SHARE), LONGEST_WAIT_S)
                     next_analysis = time.monotonic() + pause
+                while self.held(len(results)) and not self._stop.wait(HELD_S):
+                    pass
             self._publish(results=tuple(results))
             self._update_analysis(results)
             self._publish(done=True)

@@ -177,6 +177,10 @@ class Desk:
     def left(self, link: Link) -> None:
         """A browser has gone."""
 
+    def drawn(self, link: Link, frame: int) -> None:
+        """A browser has drawn the picture of a frame."""
+        self._page(link).debut.drawn(frame)
+
     def asked(self, link: Link, message: Mapping[str, Any]) -> bytes | None:
         """The answer to a message, None where there is nothing to say."""
         action = self._asked.get(str(message.get("t")))

@@ -10,19 +10,19 @@ from typing import Any
 import viser
 
 from stereocalib_app.drive import hotkeys
+from stereocalib_app.drive.debut import Debut
 from stereocalib_app.drive.moment import Moment
 from stereocalib_app.drive.page import Page
 from stereocalib_app.drive.page_words import from_words
 from stereocalib_app.drive.session import Session
 from stereocalib_app.drive.settings import Settings
-from stereocalib_app.drive.viewpoint import FOLLOWING, UP, Viewpoint, place_camera
+from stereocalib_app.drive.viewpoint import Viewpoint, place_camera
 from stereocalib_app.server.browser_panel import BrowserPanel
 from stereocalib_app.server.desk import Asking, Desk
 from stereocalib_app.server.docking import MAIN_WIDTH_PX, Docked, timeline_width, views_width
 from stereocalib_app.server.inputs import guard
 from stereocalib_app.server.library import Library
 from stereocalib_app.server.viser_internals import set_place, set_width, show_elements, show_node
-from stereocalib_app.widgets.page_base import set_theme
 from stereocalib_core.errors import ConfigError, SourceError
 from stereocalib_core.files.run_folder import load_run
 
@@ -33,7 +33,12 @@ class Hub:
     """Owns the server's pages and the drives that are open."""
 
     def __init__(
-        self, server: viser.ViserServer, session: Session, library: Library, settings: Settings | None = None
+        self,
+        server: viser.ViserServer,
+        session: Session,
+        library: Library,
+        settings: Settings | None = None,
+        debut: Debut | None = None,
     ) -> None:
         self.server, self.library = server, library
         self._lock = threading.RLock()
@@ -46,15 +51,8 @@ class Hub:
         self.leader: int | None = None
         self.desk = Desk(self)
         self.closed = False
-        set_theme(server.gui)
-        server.initial_camera.position = FOLLOWING.position
-        server.initial_camera.look_at = FOLLOWING.look_at
-        server.initial_camera.up = UP
-        server.scene.configure_default_lights(cast_shadow=False)
-        server.gui.main_panel.dock_right()
-        server.gui.main_panel.set_width(MAIN_WIDTH_PX)
         hotkeys.register(server.gui, self.page_of)
-        self.shared = Page(self, server, session, "lead", settings=settings)
+        self.shared = Page(self, server, session, "lead", settings=settings, debut=debut)
         self._place(self.shared)
         server.on_client_connect(self._connected)
         server.on_client_disconnect(self._disconnected)

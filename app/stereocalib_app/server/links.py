@@ -46,6 +46,9 @@ class Desk(Protocol):
     def left(self, link: Link) -> None:
         """A browser has gone."""
 
+    def drawn(self, link: Link, frame: int) -> None:
+        """A browser has drawn the picture of a frame."""
+
     def asked(self, link: Link, message: Mapping[str, Any]) -> bytes | None:
         """What a browser asks for; called in a thread."""
 
@@ -60,6 +63,7 @@ class Link:
         self._free.set()
         self._next: Shown | None = None
         self._pictured: FrameView | None = None
+        self._drawing: int | None = None
         self._pending: set[asyncio.Task[None]] = set()
         self._wishes: dict[str, Mapping[str, Any]] = {}
         self._granting = False
@@ -107,6 +111,8 @@ class Link:
             return
         if message.get("t") == "shown":
             self._free.set()
+            if self._drawing is not None:
+                self._desk.drawn(self, self._drawing)
         elif message.get("t") == "hello":
             number, key = message.get("client"), message.get("key")
             if isinstance(number, int) and isinstance(key, str):
@@ -156,6 +162,7 @@ class Link:
             if shown is None:
                 continue
             head, parts = dict(shown.head), []
+            self._drawing = None if shown.view is None else shown.view.index
             if shown.view is not None and shown.view is not self._pictured:
                 self._pictured = shown.view
                 head["picture"] = picture_head(shown.view)

@@ -149,6 +149,9 @@ def create_server(host: str, port: int, token: str | None = None, site: Site | N
     with behind(Guarded(Gate(host, token), site or Site())):
         server = LocalServer(host=host, port=port, label="stereocalib", verbose=False)
     guard(server.gui)
+    # Lines and points reflect nothing, and without a graphics card a browser takes a second to prepare what they
+    # would; before.js keeps it from beginning.
+    server.scene.configure_environment_map(None)
     return server
 
 

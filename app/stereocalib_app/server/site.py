@@ -5,6 +5,7 @@ Everything of ours lies below /own/. The page that viser sends is given our scri
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import http
 import mimetypes
@@ -16,17 +17,19 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from stereocalib_app.server.viser_internals import client_page
 
 WEB = Path(__file__).resolve().parents[1] / "web"
 OWN = "/own/"
 LINK = "/own/link"
+WAIT_S = 0.03
+"""Between two looks whether the drive of a page is open by now."""
 TYPES = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml"}
+BEFORE = "before.js"
+"""Stands in the page itself: it has to run before viser's script."""
 HEAD = (
-    # viser makes the address of its WebSocket from the page's, which must not hold a fragment.
-    "<script>window.stereocalibOpened = location.hash;"
-    "history.replaceState(null, '', location.pathname + location.search)</script>"
     '<link rel="icon" type="image/svg+xml" href="/own/icon.svg" /><link rel="stylesheet" href="/own/own.css" />'
     '<script type="module" src="/own/own.js"></script>'
 )
@@ -41,9 +44,9 @@ def page_html() -> bytes:
     """viser's page with our script, title and icon, compressed."""
     html = client_page().decode()
     start, end = html.index("<link"), html.index("/>", html.index("<link")) + 2
-    html = html[:start] + HEAD + html[end:]
+    html = f"{html[:start]}<script>{(WEB / BEFORE).read_text('utf-8')}</script>{HEAD}{html[end:]}"
     html = html.replace("<title>Viser</title>", "<title>stereocalib</title>", 1)
-    return gzip.compress(html.encode())
+    return gzip.compress(html.encode(), 1)
 
 
 @cache
@@ -58,11 +61,19 @@ def static_files() -> dict[str, tuple[str, bytes]]:
 
 
 class Site:
-    """Answers below /own/; `contents` are made when they are asked for, `talker` speaks on our WebSocket."""
+    """Answers below /own/; `contents` are made when they are asked for.
 
-    def __init__(self) -> None:
+    line: whether there is a WebSocket of ours, on which a talker speaks as soon as there is one.
+    """
+
+    def __init__(self, line: bool = False) -> None:
+        self._line = line
         self.contents: dict[str, Content] = {}
-        self.talker: Callable[[Any], Awaitable[None]] | None = None
+        self._talker: Callable[[Any], Awaitable[None]] | None = None
+
+    def open_line(self, talker: Callable[[Any], Awaitable[None]]) -> None:
+        """From now on `talker` speaks with browsers; those that called before have waited for it."""
+        self._talker = talker
 
     async def answer(self, request: Request) -> Response | None:
         """What is ours, or None."""
@@ -83,12 +94,15 @@ class Site:
 
     def talks(self, path: str) -> bool:
         """Whether a WebSocket is ours."""
-        return urlsplit(path).path == LINK and self.talker is not None
+        return self._line and urlsplit(path).path == LINK
 
     async def talk(self, connection: Any) -> None:
         """Speak with a browser."""
-        if self.talker is not None:
-            await self.talker(connection)
+        while self._talker is None:
+            if connection.state is not State.OPEN:
+                return
+            await asyncio.sleep(WAIT_S)
+        await self._talker(connection)
 
 
 def respond(

@@ -2,11 +2,7 @@
 export const bus = new EventTarget();
 export const known = { now: null, page: null, picture: null, signals: null, camera: null, me: null, docking: null };
 // Where the processor stands in for a graphics card, canvases in memory are several times as quick.
-function drawnByProcessor() {
-  const gl = document.createElement('canvas').getContext('webgl2'), told = gl && gl.getExtension('WEBGL_debug_renderer_info');
-  return !told || /swiftshader|llvmpipe|software|basic render/i.test(String(gl.getParameter(told.UNMASKED_RENDERER_WEBGL)));
-}
-export const flat = drawnByProcessor() ? { willReadFrequently: true } : undefined;
+export const flat = window.drawnByProcessor() ? { willReadFrequently: true } : undefined;
 const decoder = new TextDecoder();
 let socket = null, wait = 300, wanted = null;
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from matplotlib import colormaps, get_data_path
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from stereocalib_app.widgets.colour_maps import lookup_table
 from stereocalib_app.widgets.palette import INK, INK_SOFT, PAPER, RULE, Rgb
 
 Picture = NDArray[Any]
@@ -26,9 +27,11 @@ BAR_PX = 34
 
 @lru_cache(maxsize=16)
 def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
-    # by its place: to look it up, matplotlib would first read every font of the machine
+    # by its place: matplotlib takes a quarter of a second to load, and would first read every font of the machine
+    matplotlib = find_spec("matplotlib")
+    assert matplotlib is not None and matplotlib.origin is not None
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(Path(get_data_path(), "fonts", "ttf", name), size_px)
+    return ImageFont.truetype(Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf" / name, size_px)
 
 
 @lru_cache(maxsize=2048)
@@ -95,12 +98,6 @@ def title_bar(width: int, title: str, legend: Sequence[tuple[str, Rgb]] = (), no
 def titled(body: Picture, title: str, legend: Sequence[tuple[str, Rgb]] = (), note: str = "") -> Picture:
     """A view under its title bar."""
     return np.vstack([title_bar(body.shape[1], title, legend, note), body])
-
-
-@lru_cache(maxsize=8)
-def lookup_table(name: str) -> NDArray[np.uint8]:
-    """(256, 3) RGB of a perceptually even colour map (cividis, inferno, viridis)."""
-    return (colormaps[name](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
 
 
 def colorize(

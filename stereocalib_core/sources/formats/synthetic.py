@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereocalib_core import simulator as synthetic
+from stereocalib_core.config import scene
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import GroundTruth, StereoFrame
 from stereocalib_core.geometry import StereoCamera
@@ -19,6 +20,7 @@ from stereocalib_core.simulator.faults import any_active
 from stereocalib_core.simulator.lookahead import Lookahead
 from stereocalib_core.simulator.settings import DriveSettings, parse_spec
 from stereocalib_core.simulator.studio import FrameTruth, Studio
+from stereocalib_core.sources.formats.kept_world import keep_town, open_town
 
 
 @cache
@@ -28,6 +30,19 @@ def renderer_version() -> str:
     for path in [*sorted(Path(synthetic.__file__).parent.glob("*.py")), Path(wide.__file__)]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+@cache
+def town_version() -> str:
+    """Changes with all that the town is painted by: the renderer, and what was chosen for its scene."""
+    digest = hashlib.sha256(renderer_version().encode())
+    digest.update(Path(scene.__file__).read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def keep_town_of_this_version() -> None:
+    """Paint the town of the embedded drive where that has not been done for this version."""
+    keep_town(town_version())
 
 
 class SyntheticSource:
@@ -42,6 +57,7 @@ class SyntheticSource:
     def __init__(self, settings: DriveSettings, cache: FrameCache | None = None) -> None:
         self.settings = settings
         self.studio = Studio(settings)
+        open_town(self.studio, town_version())
         self._cache = FrameCache(self.content_key) if cache is None else cache
 
     @classmethod

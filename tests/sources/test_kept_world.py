@@ -1,0 +1,65 @@
+"""A town from its file is the town that was painted, to the last bit, and anything else is none."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereocalib_core.simulator.settings import DriveSettings, parse_spec
+from stereocalib_core.simulator.studio import Studio
+from stereocalib_core.sources.formats import kept_world
+
+
+@pytest.fixture(scope="module")
+def painted() -> Studio:
+    return Studio(parse_spec("synthetic:plane?frames=2"))
+
+
+@pytest.fixture
+def file(painted: Studio, tmp_path: Path) -> Path:
+    path = tmp_path / "sub" / "plane.world"
+    kept_world.write_world(path, painted.world)
+    return path
+
+
+def test_pictures_of_it_are_the_same(painted: Studio, file: Path) -> None:
+    again = Studio(painted.settings)
+    read = kept_world.read_world(file, again.drive)
+    assert read is not None
+    for part in ("mesh", "atlas"):
+        ours, theirs = getattr(read, part), getattr(painted.world, part)
+        for field in fields(ours):
+            np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
+    again.__dict__["world"] = read
+    for ours, theirs in zip(again.pictures(1), painted.pictures(1), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert [p.name for p in file.parent.iterdir()] == [file.name]
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda d: d[:-1], lambda d: b"", lambda d: b"XXXX" + d[4:], lambda d: d[:4]]
+)
+def test_a_file_that_is_not_whole_is_none(painted: Studio, file: Path, damage: object) -> None:
+    file.write_bytes(damage(file.read_bytes()))  # type: ignore[operator]
+    assert kept_world.read_world(file, painted.drive) is None
+    assert kept_world.read_world(file.with_name("nothing"), painted.drive) is None
+
+
+@pytest.mark.parametrize(
+    ("spec", "is_town"),
+    [
+        ("synthetic:town", True),
+        ("synthetic:town?frames=12", True),
+        ("synthetic:town?fault=truck@3-5", True),
+        ("synthetic:town?fault=ramp@3-5", False),
+        ("synthetic:town?seed=1", False),
+        ("synthetic:town?traffic=0", False),
+        ("synthetic:curves", False),
+    ],
+)
+def test_whose_world_is_the_town(spec: str, is_town: bool) -> None:
+    assert kept_world.is_town(parse_spec(spec)) == is_town
+    assert kept_world.is_town(DriveSettings())
