@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -34,22 +35,21 @@ def format_cell(value: float | None, digits: int = 6) -> str:
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
-def extrinsics_rows(table: FrameTable) -> list[list[str]]:
+def extrinsics_rows(table: FrameTable) -> Iterator[list[str]]:
     """The cells of extrinsics.csv without its header, one row per frame."""
-    numbers = np.hstack([getattr(table, series) * TO_DEGREES for series in SERIES])
-    return [
-        [
+    numbers, timestamp_s = [getattr(table, series) for series in SERIES], table.timestamp_s
+    for i in range(len(table.frame)):
+        row = np.concatenate([series[i] * TO_DEGREES for series in numbers])
+        yield [
             str(table.frame[i]),
-            format_cell(table.timestamp_s[i]),
+            format_cell(timestamp_s[i]),
             "ok" if table.ok[i] else "failed",
             table.reason[i],
-            *map(format_cell, row),
+            *map(format_cell, row.tolist()),
             table.filter_state[i],
             format_cell(table.free_fraction[i], 4),
             format_cell(table.inliers[i], 0),
         ]
-        for i, row in enumerate(numbers.tolist())
-    ]
 
 
 def write_extrinsics_csv(path: Path, table: FrameTable) -> None:

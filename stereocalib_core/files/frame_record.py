@@ -6,10 +6,10 @@ import json
 import math
 import struct
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,21 +132,49 @@ def _scan_sample(arrays: _Arrays, stored: Sequence[Any]) -> ScanSample:
     return ScanSample(T, beams, edges, points, patches, float("nan") if stored[5] is None else stored[5])
 
 
-_LIMITS: dict[float, float] = {}
-_MOST_LIMITS = 500
+_WORDS: dict[tuple[tuple[str, str, str], ...], tuple[tuple[str, str, str], ...]] = {}
 
 
-def _limit(value: float | None) -> float | None:
-    """The same number, as one object for all frames that have it: most limits are those of the settings."""
-    if not isinstance(value, float) or value == 0.0 or value != value:
-        return value
-    return _LIMITS.setdefault(value, value) if len(_LIMITS) < _MOST_LIMITS else _LIMITS.get(value, value)
+def _limit(packed: float) -> float | None:
+    return None if math.isnan(packed) else packed
 
 
-def _check(stored: dict[str, Any]) -> Check:
-    """A check whose words are shared with those of all other frames: a long drive has hundreds of thousands."""
-    stage, name, unit = sys.intern(stored["stage"]), sys.intern(stored["name"]), sys.intern(stored["unit"])
-    return Check(stage, name, stored["value"], _limit(stored["low"]), _limit(stored["high"]), unit)
+class _Checks(Sequence[Check]):
+    """The checks of one frame: their words are shared by all frames that have the same, their numbers are packed.
+
+    A long drive has hundreds of thousands of checks, and hardly anyone looks at one of them.
+    """
+
+    __slots__ = ("_numbers", "_words")
+
+    def __init__(self, stored: Sequence[Mapping[str, Any]]) -> None:
+        words = tuple((c["stage"], c["name"], c["unit"]) for c in stored)
+        self._words = _WORDS.setdefault(words, words)
+        numbers = (math.nan if c[key] is None else c[key] for c in stored for key in ("value", "low", "high"))
+        self._numbers = struct.pack(f"<{3 * len(words)}d", *numbers)
+
+    def __len__(self) -> int:
+        return len(self._words)
+
+    @overload
+    def __getitem__(self, index: int) -> Check: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Check, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Check | tuple[Check, ...]:
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(len(self))))
+        i = range(len(self))[index]
+        stage, name, unit = self._words[i]
+        value, low, high = struct.unpack_from("<3d", self._numbers, 24 * i)
+        return Check(stage, name, value, _limit(low), _limit(high), unit)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
 
 
 def _tracks(arrays: _Arrays, stored: Sequence[Any], shelf: Shelf | None) -> Tracks:
@@ -192,7 +220,7 @@ def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
         if sample is None
         else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
         None if tracks is None else _tracks(arrays, tracks, shelf),
-        tuple(_check(check) for check in values["checks"]),
+        _Checks(values["checks"]),
         MappingProxyType({sys.intern(stage): ms for stage, ms in values["timing_ms"].items()}),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
         None if scan is None else _scan_sample(arrays, scan),

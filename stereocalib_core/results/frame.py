@@ -168,7 +168,7 @@ class FrameResult:
     inliers: int | None = None
     rectification: RectificationSample | None = None
     tracks: Tracks | None = None
-    checks: tuple[Check, ...] = ()
+    checks: Sequence[Check] = ()
     timing_ms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     lidar: RoadResidual | None = None
     scan: ScanSample | None = None

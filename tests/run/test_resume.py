@@ -13,7 +13,7 @@ import sys
 import time
 import tracemalloc
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -95,7 +95,7 @@ def leaves(value: object, path: str = "") -> dict[str, object]:
         parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     elif isinstance(value, Mapping):
         parts = {str(key): part for key, part in value.items()}
-    elif isinstance(value, tuple):
+    elif isinstance(value, Sequence) and not isinstance(value, str):
         parts = {str(i): part for i, part in enumerate(value)}
     elif isinstance(value, np.ndarray):
         return {path: (value.dtype.str, value.shape, value.tobytes())}

@@ -234,7 +234,7 @@ def _consensus(values: Array, config: YawConfig) -> tuple[float, NDArray[np.bool
     """RANSAC over the pairs (every pair is a hypothesis), then a robust mean; value, inliers, sigma."""
     tolerance, alike = np.deg2rad(config.pair_tolerance_deg), config.alike_pairs
     hypotheses = np.sort(values)[:: max(1, len(values) // config.hypotheses)]
-    score = np.maximum(1.0 - ((values[None] - hypotheses[:, None]) / tolerance) ** 2, 0.0).sum(axis=1)
+    score = [np.maximum(1.0 - ((values - each) / tolerance) ** 2, 0.0).sum() for each in hypotheses]
     centre = float(hypotheses[int(np.argmax(score))])
     inlier = np.abs(values - centre) < tolerance
     for _ in range(config.rounds):

@@ -162,23 +162,22 @@ def _without_strips(
     count, strips = len(tracks), config.strips
     used = np.flatnonzero(active)
     shape = (count, MOTION + TURN, MOTION + TURN)
-    edges, strip = _strips(tracks, strips), np.empty(tracks.rays.shape[1], np.int8)
+    edges, strip = _strips(tracks, strips), roomy(tracks.rays.shape[1], np.int8)
     for stretch in stretches(len(strip)):
         strip[stretch] = np.searchsorted(edges, tracks.rays[0, stretch])
-        let_go(tracks.rays)
+        let_go(tracks.rays, strip)
     parts = []
     for k in range(strips):
-        inside = strip == k
         # where the points of each pair begin among those inside; a running sum over all would be eight bytes a point
-        each = [np.count_nonzero(inside[a:b]) for a, b in itertools.pairwise(tracks.start)]
+        each = [np.count_nonzero(strip[a:b] == k) for a, b in itertools.pairwise(tracks.start)]
         start = np.concatenate([[0], np.cumsum(each)])
         normal, right = roomy(shape), np.zeros(shape[:2])
         rays, n = roomy((len(tracks.rays), int(start[-1]))), 0
         for stretch in stretches(len(strip)):
-            some = tracks.rays[:, stretch][:, inside[stretch]]
+            some = tracks.rays[:, stretch][:, strip[stretch] == k]
             rays[:, n : n + some.shape[1]] = some
             n += some.shape[1]
-            let_go(rays, tracks.rays)
+            let_go(rays, tracks.rays, strip)
         in_chunks(
             pair_equations, count,
             rays, start, active, now, turn, noise,
@@ -186,29 +185,24 @@ def _without_strips(
         )  # fmt: skip
         let_go(normal)
         parts.append((normal, right))
-    whole = roomy(parts[0][0].shape), np.zeros_like(parts[0][1])
-    for part in parts:
-        np.add(whole[0], part[0], out=whole[0])
-        np.add(whole[1], part[1], out=whole[1])
-        let_go(whole[0], part[0])
-    changes = np.zeros(strips)
-    for k, (normal, right) in enumerate(parts):
-        # a pair that is left without its own motion says nothing
-        rest = roomy(normal.shape), whole[1] - right
-        np.subtract(whole[0], normal, out=rest[0])
-        let_go(whole[0], normal)
-        enough = used[_conditions(rest[0], used) < config.worst_condition]
-        reduced = _reduce(rest[0], rest[1], enough) if len(enough) else None
-        changes[k] = np.nan if reduced is None else reduced.score.sum() / reduced.curvature[:, 0, 0].sum()
-        let_go(normal)
-    return changes
-
-
-def _conditions(normal: Array, used: NDArray[np.int64]) -> Array:
-    """(K,) condition numbers of the motions' parts of the `used` (K,) of (N, 9, 9)."""
-    found = np.empty(len(used))
+    curvature: list[list[Array]] = [[] for _ in parts]
+    score: list[list[Array]] = [[] for _ in parts]
     for first in range(0, len(used), MOST_AT_ONCE):
-        part = slice(first, first + MOST_AT_ONCE)
-        found[part] = np.linalg.cond(normal[used[part], :MOTION, :MOTION])
-        let_go(normal)
-    return found
+        these = used[first : first + MOST_AT_ONCE]
+        of_some = [(normal[these], right[these]) for normal, right in parts]
+        let_go(*(normal for normal, _ in parts))
+        whole = [np.sum(each, axis=0) for each in zip(*of_some, strict=True)]
+        for k, (normal, right) in enumerate(of_some):
+            rest = whole[0] - normal
+            # a pair that is left without its own motion says nothing
+            enough = np.flatnonzero(np.linalg.cond(rest[:, :MOTION, :MOTION]) < config.worst_condition)
+            reduced = _reduce(rest, whole[1] - right, enough) if len(enough) else None
+            if len(enough):
+                curvature[k].append(np.array([np.nan]) if reduced is None else reduced.curvature[:, 0, 0])
+                score[k].append(np.array([np.nan]) if reduced is None else reduced.score)
+    return np.array(
+        [
+            np.concatenate(of_score).sum() / np.concatenate(of_turn).sum() if of_turn else np.nan
+            for of_score, of_turn in zip(score, curvature, strict=True)
+        ]
+    )

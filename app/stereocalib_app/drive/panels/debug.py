@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def limits(check: Check) -> str:
     return NOWHERE if high is None else f"≤ {high}{unit}"
 
 
-def checks_html(checks: tuple[Check, ...]) -> str:
+def checks_html(checks: Sequence[Check]) -> str:
     """Every number with its limit, stage by stage; what is outside is marked in words and colour."""
     color = palette.css(palette.FAILED)
     rows: list[str] = []
