@@ -45,6 +45,7 @@ from stereocalib_core.config.front import (
 )
 from stereocalib_core.config.lidar import LidarAlignmentConfig, RoadCheckConfig, ScanSampleConfig
 from stereocalib_core.config.odometry import OdometryConfig
+from stereocalib_core.config.own_car import OwnCarConfig
 from stereocalib_core.config.pair import PairConfig, ScanDisparityConfig
 from stereocalib_core.config.strict import STRICT
 from stereocalib_core.config.tracks import TracksConfig
@@ -55,10 +56,10 @@ from stereocalib_core.system.yaml_file import read_yaml
 __all__ = [
     "BendConfig", "CausesConfig", "ConsistencyConfig", "DirectConfig", "DisparityConfig", "FilterConfig",
     "FreeMapConfig", "ImageConfig", "LagConfig", "LaneConfig", "LidarAlignmentConfig", "LimitsConfig", "Method",
-    "MountConfig", "OdometryConfig", "PairConfig", "PipelineConfig", "ProfileConfig", "RectificationConfig",
-    "RegionConfig", "RoadCheckConfig", "RoadPointsConfig", "RowMatchesConfig", "ScanDisparityConfig",
-    "ScanSampleConfig", "ShiftAlarmConfig", "SightConfig", "TracksConfig", "VehicleConfig", "YawConfig",
-    "from_dict", "load", "to_dict",
+    "MountConfig", "OdometryConfig", "OwnCarConfig", "PairConfig", "PipelineConfig", "ProfileConfig",
+    "RectificationConfig", "RegionConfig", "RoadCheckConfig", "RoadPointsConfig", "RowMatchesConfig",
+    "ScanDisparityConfig", "ScanSampleConfig", "ShiftAlarmConfig", "SightConfig", "TracksConfig", "VehicleConfig",
+    "YawConfig", "from_dict", "load", "to_dict",
 ]  # fmt: skip
 
 Method = Literal["direct", "paper"]
@@ -76,6 +77,7 @@ class PipelineConfig:
     free_map: FreeMapConfig = FreeMapConfig()
     profile: ProfileConfig = ProfileConfig()
     lane: LaneConfig = LaneConfig()
+    own_car: OwnCarConfig = OwnCarConfig()
     direct: DirectConfig = DirectConfig()
     limits: LimitsConfig = LimitsConfig()
     tracks: TracksConfig = TracksConfig()

@@ -21,12 +21,14 @@ from stereocalib_core.results import (
     Check,
     FrameResult,
     FrontEndMemory,
+    OwnCarMemory,
     RectificationSample,
     RoadEstimate,
     RoadResidual,
     ScanSample,
     Tracks,
 )
+from stereocalib_core.results.own_car import own_car_columns, own_car_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,10 @@ def pack(done: Done) -> bytes:
             None if np.isnan(r.scan.sweep) else r.scan.sweep,
         ],
         "disparities": arrays.put(r.disparities),
-        "memory": [done.memory.tracked, arrays.put(done.memory.motion)],
+        "memory": [
+            *(done.memory.tracked, arrays.put(done.memory.motion)),
+            own_car_columns(done.memory.own_car, arrays.put),
+        ],
         "total_ms": done.total_ms,
     }
     text = json.dumps(values, default=_number).encode()
@@ -226,4 +231,6 @@ def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
         None if scan is None else _scan_sample(arrays, scan),
         arrays.get(values["disparities"]),
     )
-    return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1])), values["total_ms"])
+    # runs of earlier versions did not look for the own car
+    own_car = own_car_of(memory[2], arrays.get) if len(memory) > 2 else OwnCarMemory()
+    return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1]), own_car), values["total_ms"])

@@ -15,6 +15,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.config.running import PREPARED_AHEAD
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
+from stereocalib_core.front import own_car
 from stereocalib_core.front.car_way import carried_on, curvature_of, heading_of, way_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
@@ -111,6 +112,7 @@ class FrontEnd:
         self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
         self._carried_at = 0
         self._since_kept_m = self._driven_m = 0.0
+        self._own_car = own_car.Search()
         self._pitching: tuple[float, float] = (0.0, 0.0)
         self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
@@ -203,7 +205,8 @@ class FrontEnd:
         travel_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
         swing_rad = (self._pitching[1] - self._pitching[0]) * max(index - self._carried_at, 1)
         driven = self._driven_m >= region.least_driven * self._standing.height_m
-        return Hint(self._past_road(), kept, way, heading, Moved(travel_m, swing_rad), driven)
+        own = self._own_car.found(self.camera, self.config.own_car)
+        return Hint(self._past_road(), kept, way, heading, Moved(travel_m, swing_rad), driven, own)
 
     def _since_carried(self, index: int, motion: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
         """The motion to frame `index` from the last pair that was tracked; motion: (6,) of one frame."""
@@ -302,6 +305,10 @@ class FrontEnd:
         known = road.estimate is not None
         view = PairView(index, left, right, road.disparity, self._standing, known, sharpness)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
+        motion = self._since_carried(index, self._tracker.motion)
+        self._own_car = own_car.go_on(
+            self._own_car, index, (left, right), motion, self._standing, self.camera, self.config.own_car
+        )
         self._carry(index, self._tracker.motion, None if road.estimate is None else self._road)
         heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
         if heading is not None:
@@ -312,7 +319,8 @@ class FrontEnd:
     def memory(self) -> FrontEndMemory:
         """What the next step depends on, small enough to be kept beside every result."""
         view = self._tracker.view
-        return FrontEndMemory(None if view is None else view.index, self._tracker.motion)
+        tracked = None if view is None else view.index
+        return FrontEndMemory(tracked, self._tracker.motion, self._own_car.memory)
 
     def recall(
         self, frames: Iterable[StereoFrame], done: Sequence[tuple[FrameResult, FrontEndMemory]]
@@ -320,22 +328,25 @@ class FrontEnd:
         """Take up a drive where another front end left it, so that the next step gives the same bits.
 
         done: the results so far with what was remembered after each. frames: those from the last memory's
-        `tracked` (or the last readable one) to the last.
+        `tracked` (or the last readable one) to the last, and before them those that its `own_car.kept` names.
         """
         memory = done[-1][1]
         seen = {frame.index: owned(frame) for frame in frames}
+        left = {index: frame.left for index, frame in seen.items() if frame.left is not None}
         for frame in seen.values():
             if frame.left is not None and frame.right is not None:
                 self._previous = (frame.left, frame.right)
         for result, remembered in done:
-            past = self._pasts[0]
+            past, own = self._pasts[0], self._own_car.found(self.camera, self.config.own_car)
             self._replay(result, remembered)
             if result.frame == memory.tracked == remembered.tracked:
-                self._retrack(seen[result.frame], result, past)
+                self._retrack(seen[result.frame], result, past, own)
+        self._own_car = own_car.take_up(memory.own_car, left, self.camera, self.config.own_car)
         self._tracker = dataclasses.replace(self._tracker, motion=memory.motion)
 
     def _replay(self, result: FrameResult, remembered: FrontEndMemory) -> None:
         """What the frames after it keep of a frame."""
+        self._own_car = own_car.Search(remembered.own_car)
         if remembered.tracked == result.frame:
             if result.road is not None:
                 self._road = result.road.extrinsics
@@ -348,12 +359,19 @@ class FrontEnd:
                 self._headings.append(heading)
         self._pasts.append(self._past_road())
 
-    def _retrack(self, frame: StereoFrame, result: FrameResult, past: Extrinsics | None) -> None:
-        """Start the tracks again at a pair whose road is known. past: what it was prepared with."""
+    def _retrack(
+        self,
+        frame: StereoFrame,
+        result: FrameResult,
+        past: Extrinsics | None,
+        own: own_car.OwnCar | None,
+    ) -> None:
+        """Start the tracks again at a pair whose road is known. past, own: what it was looked at with."""
         prepared = self.prepare(frame, past)
         assert prepared is not None and frame.left is not None and frame.right is not None
         disparity = prepared.begun.matched
         assert disparity is not None
+        disparity = disparity if own is None else own.without(disparity)
         view = PairView(
             frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
         )

@@ -33,6 +33,7 @@ from stereocalib_core.results.frame import (
     Tracks,
     estimates,
 )
+from stereocalib_core.results.own_car import OWN_CAR, OwnCarMemory
 from stereocalib_core.results.pair import (
     BendEffects,
     DepthScale,
@@ -52,6 +53,7 @@ __all__ = [
     "PairChange",
     "PairCorrection",
     "BEST",
+    "OWN_CAR",
     "TO_DEGREES",
     "Axis",
     "Cause",
@@ -71,6 +73,7 @@ __all__ = [
     "LidarStretches",
     "Measured",
     "OdometryErrors",
+    "OwnCarMemory",
     "Pair",
     "Residual",
     "Rig",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.errors import Failure
 from stereocalib_core.geometry import Extrinsics
+from stereocalib_core.results.own_car import OwnCarMemory
 from stereocalib_core.results.scan import ScanSample
 
 TO_DEGREES = np.array([1.0, *np.rad2deg([1.0, 1.0])])
@@ -195,10 +196,12 @@ class FrontEndMemory:
     """What the next frame depends on, small enough to be kept beside every result.
 
     tracked: index of the pair that the next tracks start from. motion: (6,) into it per frame, or None.
+    own_car: what is known of the own car in the picture.
     """
 
     tracked: int | None
     motion: NDArray[np.float64] | None
+    own_car: OwnCarMemory = OwnCarMemory()
 
 
 def estimates(results: Sequence[FrameResult]) -> NDArray[np.float64]:

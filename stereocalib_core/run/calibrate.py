@@ -12,7 +12,7 @@ from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.files.frame_record import Done
 from stereocalib_core.frames import FrameSource, GroundTruth, StereoFrame
-from stereocalib_core.results import Drive, Rig, Timing
+from stereocalib_core.results import OWN_CAR, Drive, Rig, Timing
 from stereocalib_core.run.side_by_side import looks
 from stereocalib_core.sources import open_source
 
@@ -62,7 +62,10 @@ def follow(
 
 
 def _recall(front_end: FrontEnd, source: FrameSource, earlier: Sequence[Done]) -> None:
-    """Bring a new front end to where it was after `earlier`, by looking once more at the last frames of it."""
+    """Bring a new front end to where it was after `earlier`, by looking once more at the last frames of it.
+
+    And at those few before them with which the search for the own car compares.
+    """
     last = earlier[-1].result.frame
     memory = earlier[-1].memory
     first = memory.tracked
@@ -72,6 +75,8 @@ def _recall(front_end: FrontEnd, source: FrameSource, earlier: Sequence[Done]) -
         again.insert(0, frame)
         if index == first or (first is None and frame.failure is None):
             break
+    kept = {frame for frame, _ in memory.own_car.kept} - {frame.index for frame in again}
+    again = [source[frame] for frame in sorted(kept)] + again
     front_end.recall(again, [(d.result, d.memory) for d in earlier])
 
 
@@ -114,8 +119,23 @@ def told(drive: Drive, spec: str, source: FrameSource, done: Sequence[Done], ela
     timing = Timing.of([d.result for d in done], elapsed_s, [d.total_ms for d in done])
     frames = dataclasses.replace(drive.frames, epoch_s=source.epoch_s)
     return dataclasses.replace(
-        drive, frames=frames, source=spec, timing=timing, notices=tuple(source.notices)
+        drive, frames=frames, source=spec, timing=timing, notices=(*source.notices, *_own_car(done))
     )
+
+
+def _own_car(done: Sequence[Done]) -> tuple[str, ...]:
+    """A word about what of the own car was found in the picture, and from where on it is left out."""
+    rows = [
+        (d.result.frame, check.value)
+        for d in done
+        for check in d.result.checks
+        if (check.stage, check.name) == OWN_CAR
+    ]
+    if not rows:
+        return ()
+    first, most = rows[0][0], max(value for _, value in rows)
+    what = f"bonnet: the lowest {most:.0f} rows are the car's own" if most else "black borders"
+    return (f"{what}, found because they never move; no road is looked for there from frame {first} on",)
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:

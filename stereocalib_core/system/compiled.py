@@ -26,11 +26,11 @@ from stereocalib_core.system.user_cache import user_cache
 PACKAGE = Path(os.path.abspath(__file__)).parent.parent
 SECONDS = {
     "sources": 1, "front.semi_global": 4, "front.rows": 4, "front.road": 14, "front.tracks": 10, "front.scan": 6,
-    "back.rig": 12, "back.odometry": 13, "back.lidar": 3, "simulator": 10, "simulator.plane": 5,
+    "front.own_car": 3, "back.rig": 12, "back.odometry": 13, "back.lidar": 3, "simulator": 10, "simulator.plane": 5,
     "boards": 3,
 }  # fmt: skip
 """Every room with something to compile, and about how long it takes on one core: shares the work out evenly."""
-FRONT = ("sources", "front.rows", "front.road", "front.tracks")
+FRONT = ("sources", "front.rows", "front.road", "front.tracks", "front.own_car")
 """What the first frame of a drive from a recording needs; the road compiles the matching that it begins with."""
 SCANS = ("front.scan", "back.lidar")
 """What a drive with LiDAR scans needs besides."""

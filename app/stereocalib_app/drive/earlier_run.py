@@ -104,6 +104,7 @@ def from_frame(done: Done, first: int) -> Done:
     if first == 0:
         return done
     result, memory = done.result, done.memory
+    memory = replace(memory, own_car=memory.own_car.numbered_from(first))
     if memory.tracked is not None:
         memory = replace(memory, tracked=memory.tracked - first)
     tracks = (

@@ -13,6 +13,7 @@ from stereocalib_core.config import DirectConfig, ImageConfig, LimitsConfig, Pip
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.front.horizon import first_row, match_by_the_horizon
 from stereocalib_core.front.matching import Matcher, find_matcher
+from stereocalib_core.front.own_car import OwnCar
 from stereocalib_core.front.road import candidates, free_map, lane, uv_disparity
 from stereocalib_core.front.road.candidates import Way
 from stereocalib_core.front.road.carried import NOTHING, Moved, Past
@@ -26,7 +27,7 @@ from stereocalib_core.front.rows.self_check import overhead, upside_down_check
 from stereocalib_core.front.sight import matching_step, road_disparity, widest_disparity
 from stereocalib_core.geometry import Extrinsics, StereoCamera
 from stereocalib_core.numeric.arrays import Grey
-from stereocalib_core.results import DisparityMap, RoadEstimate
+from stereocalib_core.results import OWN_CAR, DisparityMap, RoadEstimate
 
 
 def look(image: Grey, config: ImageConfig) -> tuple[float, float, float]:
@@ -84,7 +85,8 @@ class Hint:
     past: by the rig, as it stood over the last ones. carried: the road of the last ones themselves, seen from where the
     car is now: over a crossing road, or one that leans, it is another one.
     heading_slope: x / z of the direction of straight travel: the tangent of the mount's yaw.
-    moved: how the car came here since the pair before. driven: as in `Past`.
+    moved: how the car came here since the pair before. driven: as in `Past`. own: the own car in the picture, which is
+    no road.
     """
 
     past: Extrinsics | None = None
@@ -93,6 +95,7 @@ class Hint:
     heading_slope: float = 0.0
     moved: Moved = Moved()
     driven: bool = True
+    own: OwnCar | None = None
 
     @property
     def before(self) -> Past:
@@ -241,15 +244,19 @@ def finish_road(
     disparity = begun.matched
     if disparity is None:
         return begun
-    notes = Notes.of(begun)
+    notes, hint = Notes.of(begun), hint or Hint()
     lower = disparity.values[disparity.values.shape[0] // 2 :]
-    valid = float(np.mean(lower > 0))
+    if hint.own is not None:
+        lower = lower[~hint.own.covers(disparity)[-len(lower) :]]
+        disparity = hint.own.without(disparity)
+        begun = dataclasses.replace(begun, disparity=disparity)
+        notes.check(*OWN_CAR, hint.own.rows_px(camera.height), unit="px")
+    valid = float(np.mean(lower > 0)) if lower.size else 0.0
     if not notes.check(
         "disparity", "valid share, lower half", valid, low=config.disparity.min_valid_fraction
     ):
         few = f"{valid:.0%} of the lower half has a disparity"
         return notes.end(begun, Failure(FailureReason.NO_DISPARITY, few))
-    hint = hint or Hint()
     road = _with_region(begun, notes, camera, config, hint)
     region = road.region
     if region is None:
