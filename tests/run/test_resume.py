@@ -34,6 +34,7 @@ from stereocalib_core.results import (
     FrameResult,
     FrontEndMemory,
     Measured,
+    OwnCarMemory,
     RectificationSample,
     Rig,
     RoadEstimate,
@@ -86,7 +87,12 @@ def finished(index: int) -> Done:
         ),
         rng.normal(size=(7, 2)).astype(np.float32),
     )
-    return Done(result, FrontEndMemory(index, rng.normal(size=6)), 50.0)
+    own_car = OwnCarMemory(
+        rng.integers(0, 46, 77).astype(np.int16),
+        *(12.5, 1 / 3, rng.normal(size=(4, 4)), ((index - 2, 11.5), (index - 9, 1 / 9))),
+        rng.integers(-99, 99, (2, 23, 77)).astype(np.int16),
+    )
+    return Done(result, FrontEndMemory(index, rng.normal(size=6), own_car), 50.0)
 
 
 def leaves(value: object, path: str = "") -> dict[str, object]:
@@ -116,6 +122,7 @@ def test_nothing_of_a_frame_is_forgotten() -> None:
     parts = (
         known,
         known.memory,
+        known.memory.own_car,
         known.result,
         known.result.road,
         known.result.rectification,
@@ -127,7 +134,7 @@ def test_nothing_of_a_frame_is_forgotten() -> None:
             value = getattr(part, field.name)
             if field.name != "failure":
                 assert value is not None, field.name
-                assert isinstance(value, np.ndarray) or value != field.default, field.name
+                assert leaves(value) != leaves(field.default), field.name
 
 
 KEY = RunKey("a", CAMERA, PipelineConfig())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ AHEAD = np.array([0.0, -ROAD.plane().normal[2] / ROAD.plane().normal[1], 1.0])
 """One metre along the optical axis, on the road."""
 
 
+@cache
 def ground(contrast: float, seed: int = 5) -> NDArray[np.float32]:
     """A texture of 41 x 41 m, grey levels about 110; it repeats."""
     rng = np.random.default_rng(seed)
@@ -26,16 +29,20 @@ def ground(contrast: float, seed: int = 5) -> NDArray[np.float32]:
     return np.asarray(110.0 + contrast * (fine / fine.std() + coarse / coarse.std()), dtype=np.float32)
 
 
+@cache
+def _rays(right: bool) -> tuple[Array, Array, Array, Array]:
+    """(H, W) column, row, and x and depth [m] of the ground, NaN above it; from the left camera."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
+    x, y = (u - CAMERA.cx_px) / CAMERA.focal_px, (v - CAMERA.cy_px) / CAMERA.focal_px
+    plane = ROAD.plane()
+    down = plane.normal[0] * x + plane.normal[1] * y + plane.normal[2]
+    depth = np.where(down > 0.01, plane.offset_m / np.maximum(down, 0.01), np.nan)
+    return u, v, depth * x + (CAMERA.baseline_m if right else 0.0), depth
+
+
 def seen(texture: NDArray[np.float32], z_m: float, right: bool) -> Array:
     """(H, W) the ground from `z_m` along the way, sky above it."""
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
-    rays = np.stack(
-        [(u - CAMERA.cx_px) / CAMERA.focal_px, (v - CAMERA.cy_px) / CAMERA.focal_px, np.ones_like(u)]
-    )
-    plane = ROAD.plane()
-    down = np.tensordot(plane.normal, rays, 1)
-    depth = np.where(down > 0.01, plane.offset_m / np.maximum(down, 0.01), np.nan)
-    x = depth * rays[0] + (CAMERA.baseline_m if right else 0.0)
+    _, _, x, depth = _rays(right)
     at = [np.nan_to_num(np.mod(w / CELL_M, 1024.0)).astype(np.float32) for w in (x, depth + z_m)]
     near = cv2.remap(texture, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     # what is far is blurred by the pixels' own size
@@ -78,7 +85,7 @@ def pair(kind: str, texture: NDArray[np.float32], z_m: float, frame: int) -> tup
     both = []
     for right in (False, True):
         grey = seen(texture, z_m, right)
-        v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
+        u, v, _, _ = _rays(right)
         shift = ROAD.disparity_plane(CAMERA).disparity(CAMERA, u, v) if right else 0.0
         if kind == "shadow":
             grey = np.where((v > 135) & (np.abs(u + shift - 160) < 70), 0.5 * grey, grey)
