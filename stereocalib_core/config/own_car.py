@@ -15,8 +15,9 @@ class OwnCarConfig:
     """Looked at in pictures shrunk to about so many columns: a bonnet is large, and a look has to cost little."""
     block: tuple[int, int] = (4, 2)
     """Width and height of the blocks that it is told in, in shrunk pixels; low, for a bonnet's edge is seen flat."""
-    detail: int = 9
-    """What is larger than so many shrunk pixels is no detail: the light of the own lamps, the sky in the paint."""
+    detail: tuple[int, int] = (9, 5)
+    """What is wider and higher than so many shrunk pixels is no detail: the light of the own lamps, the mirrored sky.
+    Half of the height is how far above its edge a bonnet begins to show in it."""
     noise: tuple[float, float] = (1.0, 0.02)
     """1 sigma of a shrunk pixel's difference: grey levels, of a camera's noise and of what shrinking adds; and a share
     of the light, which is not even where it comes from the own lamps."""
@@ -52,7 +53,7 @@ class OwnCarConfig:
     """Looked at for this are the blocks with so much evidence that they stand [log likelihood a look]."""
     least_evidence: float = 100.0
     """Log likelihood a look that a whole bonnet has for it at least: 22 blocks that differ as much as can be, no more
-    than a metre of its edge. Roads without one had 30 at most: KITTI 06, 03 and 0009, Karlsruhe, and what lamps, fog
+    than a metre of its edge. Roads without one had 38 at most: KITTI 06, 03 and 0009, Karlsruhe, and what lamps, fog
     and blurring made of 06."""
     least_columns: int = 6
     """Narrower things are no bonnet: a fifteenth of the picture."""

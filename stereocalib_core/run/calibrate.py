@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.errors import ConfigError
 from stereocalib_core.files.frame_record import Done
@@ -125,17 +128,25 @@ def told(drive: Drive, spec: str, source: FrameSource, done: Sequence[Done], ela
 
 def _own_car(done: Sequence[Done]) -> tuple[str, ...]:
     """A word about what of the own car was found in the picture, and from where on it is left out."""
-    rows = [
-        (d.result.frame, check.value)
-        for d in done
-        for check in d.result.checks
-        if (check.stage, check.name) == OWN_CAR
-    ]
+    known = [d.memory.own_car.tops for d in done]
+    # what is known before a frame is what it is looked at with; of hundreds of thousands of checks few are asked
+    new = [i for i in range(1, len(done)) if not _same(known[i - 1], known[i - 2] if i > 1 else None)]
+    rows = [row for i in new if (row := next(filter(None, map(_own_rows, done[i:])), None)) is not None]
     if not rows:
         return ()
     first, most = rows[0][0], max(value for _, value in rows)
     what = f"bonnet: the lowest {most:.0f} rows are the car's own" if most else "black borders"
     return (f"{what}, found because they never move; no road is looked for there from frame {first} on",)
+
+
+def _own_rows(done: Done) -> tuple[int, float] | None:
+    """The frame, and how many rows are the own car's; None where none were known, or it was not come to."""
+    values = [check.value for check in done.result.checks if (check.stage, check.name) == OWN_CAR]
+    return (done.result.frame, values[0]) if values else None
+
+
+def _same(a: NDArray[np.int16] | None, b: NDArray[np.int16] | None) -> bool:
+    return a is b or (a is not None and b is not None and np.array_equal(a, b))
 
 
 def frame_range(frames: tuple[int | None, int | None], count: int) -> tuple[int, int]:

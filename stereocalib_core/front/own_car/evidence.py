@@ -77,7 +77,7 @@ def _black(shown: list[Small], grid: Grid, config: OwnCarConfig) -> tuple[Mask, 
     """(R, C) of the blocks that are black in all of the pictures, and of those whose detail has something of one."""
     brightest = np.max([small.light + small.detail for small in shown], axis=0)
     black = (brightest <= config.black).astype(np.uint8)
-    near = cv2.dilate(black, np.ones((config.detail, config.detail), np.uint8))
+    near = cv2.dilate(black, np.ones(config.detail[::-1], np.uint8))
     w, h = grid.block
     blocks = [
         mask[: grid.rows * h, : grid.columns * w].reshape(grid.rows, h, grid.columns, w) > 0

@@ -28,7 +28,7 @@ class Small:
         h, w = picture.shape[0] // grid.by, picture.shape[1] // grid.by
         small = cv2.resize(picture[: h * grid.by, : w * grid.by], (w, h), interpolation=cv2.INTER_AREA)
         grey = small.astype(np.float32)
-        light = np.asarray(cv2.blur(grey, (config.detail, config.detail)), dtype=np.float32)
+        light = np.asarray(cv2.blur(grey, config.detail), dtype=np.float32)
         return cls(light, grey - light)
 
 
