@@ -218,9 +218,10 @@ class DirectConfig:
     """Less of the strip about the car's way in the road's region: the wide fit."""
     uneven_beside: float = 0.008
     """How much the bends of the lane may be off beside it, 1 sigma, m of height per m."""
-    uneven_beside_all_along: float = 0.003
-    """The part of it that a crown, a gutter or a widening keeps all along the lane. Chosen on `straight` seen by a
-    camera that looks down by 30 deg; judged on other rigs and the town."""
+    break_beside: float = 0.008
+    """By how much the road's slope across may break at either edge of the lane, all along it, 1 sigma [m per m].
+    Source: from lane to lane it changes by 0.005 to 0.01 (TxDOT, Roadway Design Manual, Pavement cross slope); a crown,
+    of 0.04 and more, is off the plane."""
     patch_half_width_px: int = 6
     patch_half_height_px: int = 3
     pinhole_cells: int = 5
@@ -235,6 +236,10 @@ class DirectConfig:
     min_chi2: float = 0.6
     """Residuals smaller than their noise make no fit surer than this share of its variance."""
     noise_floor_px: float = 0.01
+    noise_shared_px: float = 0.007
+    """What patches side by side have in common, 1 sigma: reading between pixels errs by where between them one reads,
+    and that is the same all along a row of a road. Measured on `straight` by four cameras (0.006 to 0.008, beyond what
+    single patches err by); judged on the town and `curves`."""
     initial_unevenness_m: float = 0.004
     max_unevenness_m: float = 0.008
     """A rougher road is weighted as if it were this rough, so that its near part keeps its say."""

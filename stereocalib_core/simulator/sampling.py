@@ -101,18 +101,16 @@ def sample_wide(texels, starts, sizes, texture, u, v, ux, vx, uy, vy, max_taps):
         u, v = u * power_of_half(lw), v * power_of_half(lh)
         return _bilinear(texels, start, full_w - lw, full_h - lh, u, v, taps < 0.0)
     single = taps < 1.5
-    # one tap is one of each level; several take turns between the two levels, in the proportion of the blend
+    # one tap is one of each level; several take turns between the two levels, alike to both sides of the middle
     blend = choose(single & (blend < 0.02), 0.0, blend)
-    rate, carry = choose(single, 0.5, blend), choose(single, 0.0, 0.5)
     pitch, shift = choose(single, 0.0, step), choose(single, 0.0, 0.5 * step - 0.5)
     count = choose(single, choose(blend > 0.0, 2.0, 1.0), taps)
     place = texture * MAX_LEVELS + low
     start0, start1 = gather(starts, place), gather(starts, place + 1)
     total, before, done = doubles(0.0), doubles(0.0), 0.0
     while some(count > done):
-        carry = carry + rate
-        upper = carry >= 1.0
-        carry = choose(upper, carry - 1.0, carry)
+        aside = smaller(doubles(done), count - 1.0 - done) * blend + 0.5
+        upper = choose(single, doubles(done), down(aside + blend) - down(aside)) > 0.5
         level = choose(upper, low + 1, low)
         lw, lh = smaller(level, full_w), smaller(level, full_h)
         value = _bilinear(

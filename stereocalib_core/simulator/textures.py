@@ -195,14 +195,13 @@ def sample(texels, table, levels, tex, u, v, ux, vx, uy, vy, max_taps):  # type:
     total = 0.0
     step = _INVERSE[taps]
     shift = 0.5 * step - 0.5
-    # taps take turns between the two levels, in the proportion of the blend
-    carry = 0.5
-    for _ in range(taps):
+    # Taps take turns between the two levels, in the proportion of the blend, and alike to both sides of the middle: the
+    # coarser level weighs less where texture is fine, and a tap of it on one side only would move the texture.
+    for k in range(taps):
         pu = u + shift * au
         pv = v + shift * av
-        carry += blend
-        if carry >= 1.0:
-            carry -= 1.0
+        n = min(k, taps - 1 - k)
+        if math.floor(n * blend + blend + 0.5) > math.floor(n * blend + 0.5):
             total += bilinear(texels, o1, w1, h1, pu * su1, pv * sv1)
         else:
             total += bilinear(texels, o0, w0, h0, pu * su0, pv * sv0)

@@ -54,6 +54,19 @@ def test_eight_at_once_are_the_same_as_one_by_one(taps: int) -> None:
     assert np.ptp(expected) > 100
 
 
+def test_a_footprint_has_no_direction() -> None:
+    """Its taps lie alike to both sides of the middle, or the texture would move by where its levels change."""
+    rng = np.random.default_rng(3)
+    atlas = build_atlas([rng.integers(0, 256, (512, 512)).astype(np.uint8)] * 2)
+    count = 4000
+    texture, (u, v) = np.zeros(count, int), rng.uniform(0, 512, (2, count))
+    footprint = rng.normal(0, 1, (4, count)) * 10 ** rng.uniform(0, 1.5, count)
+    seen, turned = np.zeros(count), np.zeros(count)
+    eight_at_once(atlas.texels, atlas.starts, atlas.sizes, texture, u, v, *footprint, 5, seen)
+    eight_at_once(atlas.texels, atlas.starts, atlas.sizes, texture, u, v, *-footprint, 5, turned)
+    np.testing.assert_allclose(turned, seen, atol=1e-3)
+
+
 @njit
 def arithmetic(a, b, table, where, out):  # type: ignore[no-untyped-def]
     x, y = load(a, 0), load(b, 0)

@@ -23,6 +23,7 @@ def lay_patches(
     near: float,
     far: float,
     half_lane: float,
+    across: Array,
     slope: float,
     curvature: float,
     allowed: NDArray[np.bool_],
@@ -32,7 +33,7 @@ def lay_patches(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Centres u, v (N,) and road distance (N,) of a tiling of the lane about the car's way (`Way`).
 
-    `allowed` is on the disparity grid.
+    `allowed` is on the disparity grid. across: (3,), as `plane.across_of` gives it.
 
     A patch's centre is allowed, and so is at least `min_solid` of it once pinholes are closed (`solid_sums`:
     sums of that mask), or it would hang over a kerb.
@@ -47,7 +48,8 @@ def lay_patches(
             if d <= 1.0:
                 continue
             z = f * b / d
-            if z < near or z > far or abs((u - cx) * b / d - slope * z - 0.5 * curvature * z * z) > half_lane:
+            x = z * (across[0] * (u - cx) + across[1] * (v - cy) + across[2])
+            if z < near or z > far or abs(x - slope * z - 0.5 * curvature * z * z) > half_lane:
                 continue
             if u - half_u - 2 < 0 or u + half_u + 3 > width or u - d - half_u - 4 < 0:
                 continue

@@ -27,10 +27,11 @@ from stereocalib_core.front.road.region import Region
 from stereocalib_core.front.road.surface import (
     SLOTS,
     bends,
-    beside_covariance,
+    beside,
     fit_lane,
     further_bends,
     left_roughness,
+    row_covariance,
     unmodelled_covariance,
     unseen_share,
 )
@@ -98,15 +99,16 @@ def fit_direct(
     # Roads are rough at every scale alike (ISO 8608): what plane and bends leave of a shorter stretch is shorter too.
     alike_m = config.uneven_length_m * min((config.far_m - config.near_m) / LANE_LENGTH_M, 1.0)
     half_m = config.wide_half_width_m if wide else config.fit_half_width_m
+    rig = start.extrinsics(camera)
+    height_m, across = rig.height_m, across_of(rig, f)
     us, vs, z = lay_patches(
-        camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v, *region.range_m, half_m,
+        camera.height, camera.width, f, cx, cy, b, parameters, half_u, half_v, *region.range_m, half_m, across,
         way.slope, way.curvature_per_m, *_solid(region.cells, config), grid, config.min_solid,
     )  # fmt: skip
     if len(us) < config.min_patches:
         return None
-    height_m = start.extrinsics(camera).height_m
-    x_m = (us - cx) * z / f - way.slope * z - 0.5 * way.curvature_per_m * z**2
     J_plane = np.column_stack([vs - cy, us - cx, np.ones(len(us))])
+    x_m = z * (J_plane @ across[[1, 0, 2]]) - way.slope * z - 0.5 * way.curvature_per_m * z**2
     px_per_m = f * b / (height_m * z)
     if as_seen:
         x_m, config = _over_region(x_m, z, config)
@@ -121,8 +123,9 @@ def fit_direct(
     J_further = further * px_per_m[:, None]
     area = (2 * half_u + 1) * z / f * (2 * half_v + 1) * z**2 / (f * height_m)
     shared = np.maximum(alike_m**2 / area, 1.0)
-    beside_m = np.maximum(np.abs(x_m) - config.lane_half_width_m, 0.0)
-    off_lane = config.uneven_beside * beside_m
+    beside_m = beside(x_m, config)
+    J_beside = beside_m * px_per_m[:, None]
+    off_lane = config.uneven_beside * beside_m.sum(axis=1)
     sums, trust = np.empty((len(us), 6)), np.ones(len(us))
     pixels = (2 * half_u + 1) * (2 * half_v + 1)
     unevenness = config.initial_unevenness_m
@@ -142,7 +145,7 @@ def fit_direct(
         variance = noise + (unevenness**2 * shared[seen] + off_lane[seen] ** 2) * road
         try:
             unseen = unseen_share(x_m[seen], z[seen], config)
-            fit = fit_lane(J[seen], offsets[seen], variance, config, J_further[seen], unseen)
+            fit = fit_lane(J[seen], offsets[seen], variance, config, J_further[seen], unseen, J_beside[seen])
         except np.linalg.LinAlgError:
             return None
         parameters = parameters + fit.solution[:SLOTS]
@@ -167,7 +170,7 @@ def fit_direct(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
         unseen, config,
-    ) + beside_covariance(fit, x_m[seen], config.uneven_beside_all_along * (beside_m * px_per_m)[seen])  # fmt: skip
+    ) + row_covariance(fit, vs[seen], config.noise_shared_px)  # fmt: skip
     to_extrinsics = np.linalg.inv(extrinsics.disparity_plane_jacobian(camera))
     return DirectFit(
         extrinsics,
@@ -177,6 +180,17 @@ def fit_direct(
         float(np.mean(np.abs(rough_m[judged]) < config.agree_height_m)),
         _roughness(rough_m, z, judged, config),
     )
+
+
+def across_of(rig: Extrinsics, focal_px: float) -> Array:
+    """(3,) of u and v from the principal point, and 1: X of a road point per metre of its depth (eq. 13).
+
+    From under the camera, which a rolled one has beside its picture's middle.
+    """
+    sin_roll = np.sin(rig.roll_rad)
+    along = np.array([np.cos(rig.roll_rad), sin_roll * np.cos(rig.pitch_rad), 0.0]) / focal_px
+    along[2] = sin_roll * np.sin(rig.pitch_rad)
+    return along
 
 
 def _over_region(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, DirectConfig]:

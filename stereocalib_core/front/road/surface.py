@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from stereocalib_core.config import DirectConfig
 from stereocalib_core.numeric import bent_square
@@ -107,12 +108,14 @@ def fit_lane(
     config: DirectConfig,
     further: Array | None = None,
     unseen: float = 0.0,
+    off_lane: Array | None = None,
 ) -> LaneFit:
     """Robust weighted least squares of offsets (N,) [px] by plane and bends, J (N, 6).
 
     further: (N, F) [px] of the next bends per metre of size, expected small: `further_of_bends` of the others'
     size, and `further_unseen_m` of the share of the lane that is `unseen`. With them the plane does not follow the
-    better seen end of a road that turns or loses its crown ahead.
+    better seen end of a road that turns or loses its crown ahead. off_lane: (N, 2) [px] of `beside`: with them it does
+    not lean with what lies beside the lane.
 
     Raises LinAlgError when the patches do not fix a plane.
     """
@@ -126,14 +129,17 @@ def fit_lane(
     # A chi2 below the floor says that the stated noise was too large, not that the fit is that sure.
     scale = max(chi2, config.min_chi2)
     every = J if further is None else np.hstack([J, further])
+    more = every.shape[1] - unknowns
+    if off_lane is not None:
+        every = np.hstack([every, off_lane])
     weighted = every * (robust / (scale * variance))[:, None]
     A, right = every.T @ weighted, weighted.T @ offset
 
     sizes = np.geomspace(config.min_bend_m, config.max_bend_m, config.bend_sizes)
-    more = every.shape[1] - unknowns
-    ratio = np.r_[np.ones(unknowns - SLOTS), np.full(more, config.further_of_bends)]
+    sides = every.shape[1] - unknowns - more
+    ratio = np.r_[np.ones(unknowns - SLOTS), np.full(more, config.further_of_bends), np.zeros(sides)]
     least_m = np.hypot(config.further_bend_m, config.further_unseen_m * unseen)
-    least = np.r_[np.zeros(unknowns - SLOTS), np.full(more, least_m)]
+    least = np.r_[np.zeros(unknowns - SLOTS), np.full(more, least_m), np.full(sides, config.break_beside)]
     solution, covariance, average = average_over_sizes(
         A, right, SLOTS, sizes, config.bend_reluctance, ratio, least
     )
@@ -147,6 +153,15 @@ def fit_lane(
         offset - every @ solution,
         residual,
     )
+
+
+def beside(x_m: Array, config: DirectConfig) -> Array:
+    """(N, 2) height of the road beside the lane, on its right and on its left, per m/m that it breaks off there.
+
+    A crown, a gutter, a widening or the next lane's own crossfall runs all along: the lane's bends end at its edge.
+    """
+    half = config.lane_half_width_m
+    return np.column_stack([np.maximum(x_m - half, 0.0), np.maximum(-x_m - half, 0.0)])
 
 
 def unmodelled_covariance(
@@ -169,15 +184,11 @@ def unmodelled_covariance(
     return response @ response.T
 
 
-def beside_covariance(fit: LaneFit, x_m: Array, off_px: Array) -> Array:
-    """(6, 6) of what the road beside the lane does to the solution, all along it and on either side by itself.
-
-    off_px: (N,) how far it may be off the lane's bends [px], 1 sigma: a crown, a gutter or a widening runs along.
-    """
-    response = fit.gain @ np.column_stack(
-        [np.where(x_m > 0.0, off_px, 0.0), np.where(x_m < 0.0, off_px, 0.0)]
-    )
-    return response @ response.T
+def row_covariance(fit: LaneFit, v: NDArray[np.int64], shared_px: float) -> Array:
+    """(6, 6) of what patches on one row of the picture (N,) share, `shared_px` [px] 1 sigma."""
+    rows = np.unique(v, return_inverse=True)[1]
+    response = np.stack([np.bincount(rows, gain) for gain in fit.gain]) * shared_px
+    return np.asarray(response @ response.T)
 
 
 def left_roughness(noise_m: Array, height_m: Array) -> float:

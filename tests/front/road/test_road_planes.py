@@ -8,9 +8,17 @@ import pytest
 from stereocalib_core.config import DirectConfig, PipelineConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.front.road.estimate import begin_road, estimate_road, finish_road
-from stereocalib_core.front.road.surface import bends, fit_lane, further_bends, unseen_share
+from stereocalib_core.front.road.plane import across_of
+from stereocalib_core.front.road.surface import (
+    bends,
+    beside,
+    fit_lane,
+    further_bends,
+    row_covariance,
+    unseen_share,
+)
 from stereocalib_core.front.road.variants import eq12_roll
-from stereocalib_core.geometry import Extrinsics, StereoCamera
+from stereocalib_core.geometry import Extrinsics, StereoCamera, invert_transform
 from stereocalib_core.simulator.plane import render_plane
 from stereocalib_core.sources.formats.synthetic import SyntheticSource
 
@@ -169,6 +177,50 @@ def test_a_crown_that_swings_aside_ahead_is_not_taken_for_roll() -> None:
     assert abs(found.solution[1]) < 3.0 * np.sqrt(found.covariance[1, 1])
     flat, as_before = (fit_lane(J, noise, variance, config, *extra) for extra in (more, ()))
     assert np.sqrt(flat.covariance[1, 1] / as_before.covariance[1, 1]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_road_that_breaks_off_at_the_lanes_edge_is_not_taken_for_roll() -> None:
+    """The next lane falls by 1 % less than the own one goes on to; only the lane is meant."""
+    rng = np.random.default_rng(3)
+    config = DirectConfig()
+    z, x = 4.5 + 15.0 * rng.uniform(0.0, 1.0, 400) ** 2, rng.uniform(-2.4, 2.4, 400)
+    height_m, fb = 1.65, CAMERA.focal_px * CAMERA.baseline_m
+    px_per_m = fb / (height_m * z)
+    J = np.column_stack([CAMERA.focal_px * height_m / z, CAMERA.focal_px * x / z, np.ones(400)])
+    J = np.hstack([J, bends(x, z, config) * px_per_m[:, None]])
+    off_lane = beside(x, config) * px_per_m[:, None]
+    noise, variance = rng.normal(0.0, 0.02, 400), np.full(400, 0.02**2)
+    breaks = noise + 0.01 * np.maximum(x - 1.75, 0.0) * px_per_m
+    found, without, flat = (
+        fit_lane(J, offset, variance, config, None, 0.0, *extra)
+        for offset, extra in ((breaks, (off_lane,)), (breaks, ()), (noise, (off_lane,)))
+    )
+    # what is left is the noise's own
+    assert abs(found.solution[1] - flat.solution[1]) < abs(without.solution[1] - flat.solution[1]) / 3.0
+    assert abs(found.solution[1]) < 2.0 * np.sqrt(found.covariance[1, 1])
+
+
+def test_what_a_row_of_patches_shares_comes_out_as_it_goes_in() -> None:
+    rng = np.random.default_rng(6)
+    v = rng.integers(20, 40, 200)
+    J = np.column_stack([v - 10.0, rng.uniform(-300, 300, 200), np.ones(200)])
+    nothing = np.zeros(200)
+    fit = fit_lane(np.hstack([J, 1e-9 * rng.normal(size=(200, 3))]), nothing, np.ones(200), DirectConfig())
+    told = row_covariance(fit, v, 0.01)
+    drawn = fit.gain @ rng.normal(0.0, 0.01, (40, 4000))[v]
+    np.testing.assert_allclose(told[:3, :3], np.cov(drawn)[:3, :3], rtol=0.15, atol=0.05 * told[0, 0])
+    assert told[2, 2] > 3.0 * np.sum((0.01 * fit.gain[2]) ** 2), "and is more than if each had it by itself"
+
+
+@pytest.mark.parametrize("roll_deg", [-12.0, 0.4])
+def test_the_lane_lies_under_the_camera_whose_picture_leans(roll_deg: float) -> None:
+    rig = Extrinsics.from_degrees(1.65, 6.0, roll_deg)
+    X, Z = np.array([-1.75, 0.0, 1.75]), np.array([5.0, 8.0, 19.0])
+    T = invert_transform(rig.T_vehicle_camera)
+    x, y, z = T[:3, :3] @ np.stack([X, np.zeros(3), Z]) + T[:3, 3:]
+    u, v = CAMERA.focal_px * x / z, CAMERA.focal_px * y / z
+    found = z * (np.column_stack([u, v, np.ones(3)]) @ across_of(rig, CAMERA.focal_px))
+    np.testing.assert_allclose(found, X, atol=1e-9)
 
 
 def test_direct_with_half_of_the_road_covered() -> None:
