@@ -157,3 +157,7 @@ def test_a_bonnet_in_a_real_drive(real: tuple[Recording, list[Step]], kitti_raw_
         assert np.all(np.abs(off) < 3.0 * np.hypot(seen.sigma, road.sigma))
     shares, points = np.transpose([_on_bonnet(source, step) for step in steps[at + 1 :]])
     assert shares.max() < 0.01 and points.max() == 0
+    # stopped and gone on with, its tracks begin at none of the bonnet's corners either
+    earlier = [step.done for step in steps[: at + 2]]
+    (again,) = follow(source, CONFIG, 0, at + 3, earlier)
+    assert _bytes(again.done) == _bytes(steps[at + 2].done)

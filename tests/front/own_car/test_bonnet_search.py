@@ -12,8 +12,11 @@ from stereocalib_core.config import OwnCarConfig
 from stereocalib_core.files.frame_record import Done, pack, unpack
 from stereocalib_core.front import own_car
 from stereocalib_core.front.own_car import OwnCar, Search
+from stereocalib_core.front.own_car.evidence import decided
+from stereocalib_core.front.own_car.looks import Small
+from stereocalib_core.front.own_car.place import Grid
 from stereocalib_core.numeric.arrays import Mask
-from stereocalib_core.results import DisparityMap, FrameResult, FrontEndMemory
+from stereocalib_core.results import DisparityMap, FrameResult, FrontEndMemory, OwnCarMemory
 
 CONFIG = OwnCarConfig()
 STEP_M = 0.9
@@ -100,6 +103,18 @@ def test_it_is_looked_for_again_and_stays_where_it_is() -> None:
     assert np.mean(np.abs(searched["curved"] - first.memory.tops) <= 3) > 0.95
     assert searched[""] is None  # the camera was turned up
     assert np.array_equal(searched["night"], first.memory.tops)  # nothing was seen that speaks against it
+
+
+@pytest.mark.parametrize(("evidence", "kept"), [(6, True), (-6, False)])
+def test_what_is_known_stays_until_something_speaks_against_it(evidence: int, kept: bool) -> None:
+    grid = Grid.of(CAMERA, CONFIG)
+    tops = np.full(grid.columns, grid.rows - 8, np.int16)
+    found = np.full((2, grid.rows - grid.top, grid.columns), evidence, np.int16)
+    found[1] = 1
+    left, right = pair("", ground(12.0), 0.0, 0)
+    shown = [Small.of(left, grid, CONFIG)]
+    memory = OwnCarMemory(tops, evidence=found)
+    assert (decided(memory, shown, right, ROAD, CAMERA, grid, CONFIG) is tops) == kept
 
 
 def test_a_search_goes_on_from_what_is_remembered_to_the_same_bytes() -> None:
