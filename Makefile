@@ -6,7 +6,7 @@ READY  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test campaign check docs bench bench-first bench-batch bench-long bench-app format clean
+.PHONY: demo test campaign check docs bench bench-first bench-batch bench-long bench-open bench-app format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt
@@ -47,6 +47,10 @@ bench: $(DEV)  ## speeds as ratios to an SGBM yardstick measured in the same run
 
 bench-long: $(READY)  ## memory and time of long drives, their frames made by repeating a short one's
 	$(BIN)/python -m stereocalib_core.benches.long_drive $(ARGS)
+
+bench-open: $(DEV)  ## the first moving picture of the demo, and the page of a drive of an hour
+	$(BIN)/python -m stereocalib_app.benches.first_seconds
+	$(BIN)/python -m stereocalib_app.benches.long_page
 
 bench-first: $(READY)  ## the first run on a machine, with everything to compile, and the next
 	$(BIN)/python -m stereocalib_core.benches.first_run $(ARGS)

@@ -106,13 +106,15 @@ class FrameTable:
     def results(self) -> list[FrameResult]:
         """The frames as results again, as far as a table has them: without tracks, checks and covariances."""
         found = []
+        covariances = np.zeros((len(self), 3, 3))
+        covariances[:, range(3), range(3)] = self.sigma**2
+        unknown = float("nan"), float("nan")
         for i, values in enumerate(self.values.tolist()):
             road = failure = None
             free, inliers = float(self.free_fraction[i]), self.inliers[i]
             count = int(inliers) if np.isfinite(inliers) else 0
             if self.ok[i]:
-                covariance, unknown = np.diag(self.sigma[i] ** 2), (float("nan"), float("nan"))
-                road = RoadEstimate(Extrinsics(*values), covariance, count, free, unknown)
+                road = RoadEstimate(Extrinsics(*values), covariances[i], count, free, unknown)
             elif self.reason[i]:
                 failure = Failure(FailureReason(self.reason[i]), "as written by the run")
             time_s = float(self.elapsed_s[i])

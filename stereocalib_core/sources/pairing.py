@@ -50,7 +50,12 @@ def pictures_in(folder: Path) -> dict[str, Path]:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
         return {}
-    return {os.path.splitext(entry.name)[0]: folder / entry.name for entry in entries if _is_picture(entry)}
+    found = {}
+    for entry in entries:  # of an hour's drive there are tens of thousands
+        stem, suffix = os.path.splitext(entry.name)
+        if suffix.lower() in PICTURE_SUFFIXES and entry.name[0] != "." and entry.is_file():
+            found[stem] = folder / entry.name
+    return found
 
 
 def has_pictures(folder: Path) -> bool:
@@ -85,6 +90,9 @@ def most_whole(folder_of: Callable[[int], Path], known: set[int]) -> tuple[int, 
 
     folder_of: where a camera's pictures lie. known: cameras with a projection in the calibration.
     """
+    present = tuple(camera for camera in range(4) if folder_of(camera).is_dir())
+    if present in KITTI_PAIRS[:2]:
+        return present  # there is nothing to choose from
     stems = {camera: _stems_in(folder_of(camera)) for camera in range(4)}
     whole = {pair: len(stems[pair[0]] & stems[pair[1]]) for pair in KITTI_PAIRS}
     there = [pair for pair in KITTI_PAIRS if whole[pair] > 0]

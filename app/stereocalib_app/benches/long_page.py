@@ -9,15 +9,20 @@ else the machine does.
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import psutil
 
-from stereocalib_app.benches.page import Watcher, served
+from stereocalib_app.benches.chromium import FLAGS, find_browser
+from stereocalib_app.benches.page import READY, served
+from stereocalib_app.benches.raw_client import LinkClient, RawClient, name_in
 from stereocalib_core.back.analyse import analyse
 from stereocalib_core.benches.long_drive import PERIOD_S, repeated
 from stereocalib_core.config import PipelineConfig
@@ -44,7 +49,7 @@ def long_recording(frames: int, folder: Path) -> Path:
         for i in range(frames):
             # as `repeated` has the frames
             name = names[i if i < len(names) else 1 + (i - len(names)) % (len(names) - 1)]
-            (made / side / f"{i:06d}.png").symlink_to(given / side / name)
+            os.link(given / side / name, made / side / f"{i:06d}.png")
     shutil.copy(given / "calib.txt", made)
     (made / "times.txt").write_text("".join(f"{PERIOD_S * i:.6f}\n" for i in range(frames)), encoding="ascii")
     return made
@@ -81,18 +86,43 @@ def opened(run: Path) -> dict[str, tuple[float, float]]:
     began = time.monotonic()
     with served(str(run)) as (address, started_s, process):
         steps = {"address": (started_s, cpu_s(process))}
-        watcher = Watcher(int(address.rsplit(":", 1)[1]))
-        watcher.line.until(lambda seen: seen.pictured)
+        port = int(address.rsplit(":", 1)[1])
+        me: dict[str, Any] = {}
+        browser = RawClient(port)
+        browser.say_hello()
+        while not me:
+            me = name_in([browser.receive(1.0)])
+        line = LinkClient(port, me)
+        line.until(lambda seen: seen.pictured)
         steps["first picture"] = time.monotonic() - began, cpu_s(process)
-        watcher.line.until(lambda seen: bool(seen.head.get("done")), PATIENCE_S)
+        line.until(lambda seen: bool(seen.head.get("done")), PATIENCE_S)
         steps["all is read"] = time.monotonic() - began, cpu_s(process)
         memory = process.memory_info()
         steps["memory, with and without pages of files [MB]"] = (
             memory.rss / 1e6,
             (memory.rss - memory.shared) / 1e6,
         )
-        watcher.close()
+        line.close()
+        browser.close()
     return steps
+
+
+def in_chromium(run: Path, browser: str) -> float:
+    """Seconds from the server's start until a headless Chromium, which runs already, has drawn the first picture."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as profile:
+        context = playwright.chromium.launch_persistent_context(
+            profile, executable_path=browser, args=list(FLAGS), viewport={"width": 1280, "height": 720}
+        )
+        page = context.pages[0]
+        began = time.monotonic()
+        with served(str(run)) as (address, _, _):
+            page.goto(address)
+            page.wait_for_function(READY, timeout=1e3 * PATIENCE_S)
+            seen = time.monotonic() - began
+            context.close()
+    return seen
 
 
 def main() -> int:
@@ -100,6 +130,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="How soon the page of a long drive can be looked at.")
     parser.add_argument("--frames", type=int, default=36_000)
     parser.add_argument("--times", type=int, default=3)
+    parser.add_argument("--browser", default=find_browser())
     parser.add_argument("--folder", type=Path, help="where the run is made and kept for the next time")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="stereocalib-bench-") as fresh:
@@ -108,6 +139,9 @@ def main() -> int:
         for _ in range(arguments.times):
             for name, (wall, used) in opened(run).items():
                 sys.stdout.write(f"  {name:<44}{wall:9.2f}{used:9.2f}\n")
+            if arguments.browser and find_spec("playwright"):
+                seen = in_chromium(run, arguments.browser)
+                sys.stdout.write(f"  {'first picture in Chromium':<44}{seen:9.2f}\n")
             sys.stdout.flush()
     return 0
 

@@ -67,6 +67,7 @@ def start(
     begun = begun or begin(host, port, how.token)
     library = Library(how.root or Path.cwd(), how.config, how.limits, how.tolerance)
     hub = Hub(begun.server, session, library, how.settings, debut)
+    begun.note.remove()
     begun.site.contents["thumb"] = hub.desk.thumb
     if how.frame is not None:
         hub.shared.playback.seek(how.frame)
@@ -80,8 +81,8 @@ def start(
 def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening | None = None) -> None:
     """Show a drive in the browser until Ctrl-C (raises KeyboardInterrupt).
 
-    Prints the page's address as soon as the drive is sure to be opened: of a rendered one at once, so that a browser
-    builds the empty page while all that computes a drive is loaded.
+    Prints the page's address as soon as the drive is sure to be opened: of a rendered one, or of an earlier run, at
+    once, so that a browser builds the empty page while all that computes and shows a drive is loaded.
     """
     from stereocalib_app.server import until_stopped
     from stereocalib_app.server.security import stop_server
@@ -90,12 +91,11 @@ def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
     begun = begin(host, port, token)
     hub = None
     try:
-        rendered = spec.startswith("synthetic")
-        if rendered:
-            _check_rendered(spec)
+        sure = _sure_to_open(spec)
+        if sure:
             until_stopped.say_address(begun.server, host, token)
         hub = start(spec, host, port, opening, begun)
-        if not rendered:
+        if not sure:
             until_stopped.say_address(begun.server, host, token)
         until_stopped.until_stopped()
     finally:
@@ -105,8 +105,13 @@ def serve(spec: str, host: str = "127.0.0.1", port: int = 8080, opening: Opening
         stop_server(begun.server)
 
 
-def _check_rendered(spec: str) -> None:
-    """Raises ConfigError for a rendered drive that is not understood."""
+def _sure_to_open(spec: str) -> bool:
+    """Whether a drive is there for sure before it is opened. Raises ConfigError for a rendered one that is not
+    understood, SourceError for what is no drive at all."""
     from stereocalib_core.simulator.settings import parse_spec
+    from stereocalib_core.sources import SourceKind, source_kind
 
-    parse_spec(spec)
+    kind = source_kind(spec)
+    if kind is SourceKind.SYNTHETIC:
+        parse_spec(spec)
+    return kind in (SourceKind.SYNTHETIC, SourceKind.RUN)

@@ -179,6 +179,8 @@ class Session:
         results = tuple(done.result for done in self._done)
         drive = None if self._analyse is None else self._analyse(results)
         self._publish(results=results, drive=self._told(drive, results), analysed=len(results))
+        while self.held(len(results)) and not self._stop.wait(HELD_S):
+            pass
         kept, self._reading = self._reading(), None
         if kept.frames:
             self._done = list(kept.frames)

@@ -8,6 +8,7 @@ look of the page, and where its camera begins.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from stereocalib_app.drive.viewpoint import FOLLOWING, UP
 from stereocalib_app.server.docking import MAIN_WIDTH_PX
@@ -18,10 +19,11 @@ from stereocalib_app.widgets.page_base import set_theme
 
 @dataclass(frozen=True)
 class Begun:
-    """A server that runs, with the pages of ours beside viser's."""
+    """A server that runs, with the pages of ours beside viser's. note: what its page says until a drive is on it."""
 
     server: LocalServer
     site: Site
+    note: Any
 
 
 def begin(host: str, port: int, token: str | None = None) -> Begun:
@@ -29,7 +31,7 @@ def begin(host: str, port: int, token: str | None = None) -> Begun:
     site = Site(line=True)
     server = create_server(host, port, token, site)
     first_look(server)
-    return Begun(server, site)
+    return Begun(server, site, server.gui.add_markdown("Opening the drive …"))
 
 
 def first_look(server: LocalServer) -> None:
