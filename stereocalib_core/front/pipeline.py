@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -16,10 +16,9 @@ from stereocalib_core.config.running import PREPARED_AHEAD
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.frames import StereoFrame
 from stereocalib_core.front import own_car
-from stereocalib_core.front.car_way import carried_on, curvature_of, heading_of, way_of
+from stereocalib_core.front.car_way import curvature_of
 from stereocalib_core.front.matching import Matcher, find_matcher
 from stereocalib_core.front.road.ahead import bend_ahead
-from stereocalib_core.front.road.carried import Moved
 from stereocalib_core.front.road.estimate import (
     Hint,
     begin_road,
@@ -27,6 +26,7 @@ from stereocalib_core.front.road.estimate import (
     finish_road,
 )
 from stereocalib_core.front.road.result import RoadResult
+from stereocalib_core.front.roads_behind import RoadsBehind
 from stereocalib_core.front.rows.self_check import Examination, examine
 from stereocalib_core.front.scan.lidar_road import scan_residual
 from stereocalib_core.front.scan.road_surface import RoadSurface
@@ -107,14 +107,8 @@ class FrontEnd:
         self.matcher = matcher or find_matcher(config.disparity.matcher)
         self.T_camera_lidar = T_camera_lidar
         self._tracker = TrackerState()
-        self._road: Extrinsics | None = None
-        self._past: deque[Extrinsics] = deque(maxlen=config.region.past_frames)
-        self._carried: deque[Extrinsics | None] = deque(maxlen=config.region.carried_frames)
-        self._carried_at = 0
-        self._since_kept_m = self._driven_m = 0.0
+        self._behind = RoadsBehind(camera, config)
         self._own_car = own_car.Search()
-        self._pitching: tuple[float, float] = (0.0, 0.0)
-        self._headings: deque[float] = deque(maxlen=config.region.past_frames)
         self._previous: tuple[Grey | None, Grey | None] = (None, None)
         self._pasts: deque[Extrinsics | None] = deque(
             [None] * (PREPARED_AHEAD + 1), maxlen=PREPARED_AHEAD + 1
@@ -153,7 +147,7 @@ class FrontEnd:
         neighbours is its past, and it is none of theirs.
         """
         look = self._look(owned(frame), prepared)
-        self._pasts.append(self._past_road())
+        self._pasts.append(self._behind.past)
         return look
 
     def _look(self, frame: StereoFrame, prepared: Prepared | None) -> Look:
@@ -194,58 +188,8 @@ class FrontEnd:
         return Look(self.with_lidar(frame, result, road), road)
 
     def _hint(self, index: int) -> Hint:
-        """Where the road of frame `index` is likely to be: that of the last ones, and the way that the car goes."""
-        region = self.config.region
-        way = way_of(self._tracker.motion, self._standing.height_m, region)
-        heading = float(np.median(self._headings)) if len(self._headings) >= region.least_past else 0.0
-        # the car goes on as it went between the last two pairs
-        motion = self._since_carried(index, self._tracker.motion)
-        carried = self._carried if motion is None else carried_on(self._carried, motion)
-        kept = self._median([e for e in carried if e is not None])
-        travel_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
-        swing_rad = (self._pitching[1] - self._pitching[0]) * max(index - self._carried_at, 1)
-        driven = self._driven_m >= region.least_driven * self._standing.height_m
-        own = self._own_car.found(self.camera, self.config.own_car)
-        return Hint(self._past_road(), kept, way, heading, Moved(travel_m, swing_rad), driven, own)
-
-    def _since_carried(self, index: int, motion: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-        """The motion to frame `index` from the last pair that was tracked; motion: (6,) of one frame."""
-        return None if motion is None else motion * max(index - self._carried_at, 1)
-
-    def _past_road(self) -> Extrinsics | None:
-        """The median of the last roads as the rig saw them, where there are enough."""
-        return self._median(self._past)
-
-    def _median(self, roads: Collection[Extrinsics]) -> Extrinsics | None:
-        if len(roads) < self.config.region.least_past:
-            return None
-        rig = np.median([(e.height_m, e.pitch_rad, e.roll_rad) for e in roads], axis=0)
-        return Extrinsics(*(float(x) for x in rig))
-
-    def _carry(self, index: int, motion: NDArray[np.float64] | None, road: Extrinsics | None) -> None:
-        """The roads of the last pairs seen from this one, with its own; none where the motion into it is not known.
-
-        A car that stands sees the same bit of road again and again: its own is kept for every step of the way.
-        """
-        self._pitching = (self._pitching[1], 0.0 if motion is None else float(motion[0]))
-        motion = self._since_carried(index, motion)
-        self._carried_at = index
-        known = [] if motion is None else carried_on(self._carried, motion)
-        travelled_m = 0.0 if motion is None else float(np.linalg.norm(motion[3:]))
-        self._since_kept_m += travelled_m
-        self._driven_m += travelled_m
-        step_m = self.config.region.carried_step * self._standing.height_m
-        if len(known) < self.config.region.carried_frames or self._since_kept_m >= step_m:
-            known.append(road)
-            self._since_kept_m = 0.0
-        self._carried.clear()
-        self._carried.extend(known)
-
-    @property
-    def _standing(self) -> Extrinsics:
-        """The last road measured, or a guess where none was: cameras stand some baselines high."""
-        guess = Extrinsics(self.config.sight.guess_per_baseline * self.camera.baseline_m, 0.0, 0.0)
-        return self._road or guess
+        """Where the road of frame `index` is likely to be, and where the own car is."""
+        return self._behind.hint(index, self._own_car.found(self.camera, self.config.own_car))
 
     def _bent(self, road: RoadResult) -> tuple[RoadEstimate | None, tuple[Check, ...]]:
         """The estimate with how the road bends up or down along the car's way, which the tracks have just shown."""
@@ -299,20 +243,17 @@ class FrontEnd:
     ) -> Tracks | None:
         if road.matched is None:
             return None
-        if road.estimate is not None:
-            self._road = road.estimate.extrinsics
-            self._past.append(self._road)
-        known = road.estimate is not None
-        view = PairView(index, left, right, road.disparity, self._standing, known, sharpness)
+        of_road = None if road.estimate is None else road.estimate.extrinsics
+        self._behind.saw(of_road)
+        standing = self._behind.standing
+        view = PairView(index, left, right, road.disparity, standing, of_road is not None, sharpness)
         self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
-        motion = self._since_carried(index, self._tracker.motion)
+        motion = self._tracker.motion
         self._own_car = own_car.go_on(
-            self._own_car, index, (left, right), motion, self._standing, self.camera, self.config.own_car
+            *(self._own_car, index, (left, right), self._behind.motion_to(index, motion)),
+            *(standing, self.camera, self.config.own_car),
         )
-        self._carry(index, self._tracker.motion, None if road.estimate is None else self._road)
-        heading = heading_of(self._tracker.motion, self._standing.height_m, self.config.region)
-        if heading is not None:
-            self._headings.append(heading)
+        self._behind.went(index, motion, of_road)
         return tracks
 
     @property
@@ -348,16 +289,10 @@ class FrontEnd:
         """What the frames after it keep of a frame."""
         self._own_car = own_car.Search(remembered.own_car)
         if remembered.tracked == result.frame:
-            if result.road is not None:
-                self._road = result.road.extrinsics
-                self._past.append(self._road)
-            self._carry(
-                result.frame, remembered.motion, None if result.road is None else result.road.extrinsics
-            )
-            heading = heading_of(remembered.motion, self._standing.height_m, self.config.region)
-            if heading is not None:
-                self._headings.append(heading)
-        self._pasts.append(self._past_road())
+            road = None if result.road is None else result.road.extrinsics
+            self._behind.saw(road)
+            self._behind.went(result.frame, remembered.motion, road)
+        self._pasts.append(self._behind.past)
 
     def _retrack(
         self,
@@ -373,7 +308,7 @@ class FrontEnd:
         assert disparity is not None
         disparity = disparity if own is None else own.without(disparity)
         view = PairView(
-            frame.index, frame.left, frame.right, disparity, self._standing, result.road is not None
+            frame.index, frame.left, frame.right, disparity, self._behind.standing, result.road is not None
         )
         self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
 
