@@ -11,6 +11,7 @@ import pytest
 from stereocalib_core.simulator.settings import DriveSettings, parse_spec
 from stereocalib_core.simulator.studio import Studio
 from stereocalib_core.sources.formats import kept_world
+from stereocalib_core.sources.formats.synthetic import town_version
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +64,23 @@ def test_a_file_that_is_not_whole_is_none(painted: Studio, file: Path, damage: o
 def test_whose_world_is_the_town(spec: str, is_town: bool) -> None:
     assert kept_world.is_town(parse_spec(spec)) == is_town
     assert kept_world.is_town(DriveSettings())
+
+
+def test_the_town_is_kept_where_that_can_be_and_found_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a file").write_text("no folder")
+    old = tmp_path / "cache" / "town-before.world"
+    old.parent.mkdir()
+    old.write_bytes(b"")
+    found = [tmp_path / "a file" / "town-v.world", old.with_name("town-v.world")]
+    studio = Studio(parse_spec("synthetic:town?frames=3"))
+    kept_world.open_town(studio, town_version())
+    monkeypatch.setattr(kept_world, "places", lambda version: found)
+    kept_world.keep_painted(studio, "v")
+    assert [path.is_file() for path in (*found, old)] == [False, True, False]
+    longer = Studio(parse_spec("synthetic:town?frames=5"))
+    kept_world.open_town(longer, "v")
+    assert longer.__dict__["world"].drive is longer.drive
+    np.testing.assert_array_equal(longer.world.atlas.texels, studio.world.atlas.texels)
+    assert longer.world.standing[3].kind == studio.world.standing[3].kind

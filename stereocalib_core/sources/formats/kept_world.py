@@ -58,9 +58,13 @@ def open_town(studio: Studio, version: str) -> None:
 
 
 def keep_town(version: str) -> None:
-    """Paint the town for who comes after; where nothing can be written it is painted every time."""
-    if not any(path.is_file() for path in places(version)):
-        studio = Studio(DriveSettings())
+    """Paint the town where it is not kept yet; where nothing can be written it is painted every time."""
+    keep_painted(Studio(DriveSettings()), version)
+
+
+def keep_painted(studio: Studio, version: str) -> None:
+    """Keep the town of a studio for who comes after, where it is one and is not kept yet."""
+    if is_town(studio.settings) and not any(path.is_file() for path in places(version)):
         for path in places(version):
             with contextlib.suppress(OSError):
                 write_world(path, studio.world)

@@ -20,7 +20,7 @@ from stereocalib_core.simulator.faults import any_active
 from stereocalib_core.simulator.lookahead import Lookahead
 from stereocalib_core.simulator.settings import DriveSettings, parse_spec
 from stereocalib_core.simulator.studio import FrameTruth, Studio
-from stereocalib_core.sources.formats.kept_world import keep_town, open_town
+from stereocalib_core.sources.formats.kept_world import keep_painted, keep_town, open_town
 
 
 @cache
@@ -58,6 +58,7 @@ class SyntheticSource:
         self.settings = settings
         self.studio = Studio(settings)
         open_town(self.studio, town_version())
+        self._town_kept = False
         self._cache = FrameCache(self.content_key) if cache is None else cache
 
     @classmethod
@@ -129,6 +130,9 @@ class SyntheticSource:
         if kept is not None:
             return kept
         pictures = self.studio.frame(index)
+        if not self._town_kept:
+            self._town_kept = True
+            keep_painted(self.studio, town_version())
         self._cache.write(index, pictures)
         return pictures
 
