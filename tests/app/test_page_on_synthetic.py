@@ -21,7 +21,10 @@ from conftest import (
     text_entry,
     until,
 )
+from stereocalib_app.drive import debut
 from stereocalib_app.drive import serve as app_server
+from stereocalib_app.drive.scene import Scene
+from stereocalib_app.drive.scene_part import ScenePart
 from stereocalib_app.server.first_look import begin
 from stereocalib_app.server.hub import Hub
 from stereocalib_app.words.lessons import LESSONS
@@ -241,17 +244,31 @@ def test_a_zip_is_uploaded(page: Any, hub: Hub, tmp_path: Path) -> None:
 
 
 def test_a_browser_that_comes_before_the_drive_sees_pictures_first_and_then_the_rest(
-    root: Path, browser: Any
+    root: Path, browser: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As from the command line: the page is loaded while the drive is not there yet."""
+    happened: list[str] = []
+    drawn, built = debut.Debut.drawn, ScenePart._build
+
+    def heard(self: debut.Debut, frame: int) -> None:
+        happened.append("drawn")
+        drawn(self, frame)
+
+    def begun_3d(self: ScenePart) -> Scene:
+        happened.append("3-D view")
+        return built(self)
+
+    monkeypatch.setattr(debut, "LONGEST_S", 600.0)
+    monkeypatch.setattr(debut.Debut, "drawn", heard)
+    monkeypatch.setattr(ScenePart, "_build", begun_3d)
     begun = begin("127.0.0.1", 0)
     early = browser.new_page()
     early.goto(f"http://127.0.0.1:{begun.server.get_port()}/")
     running = app_server.start("synthetic:plane?frames=6", opening=app_server.Opening(root=root), begun=begun)
     try:
-        assert running.shared.scene.scene is None
         until(lambda: early.locator(".sc-picture[data-frame]").count(), what="picture")
-        until(lambda: running.shared.scene.scene is not None, what="3-D view")
+        until(lambda: "3-D view" in happened, what="3-D view")
+        assert happened[0] == "drawn"
         early.wait_for_selector("stereocalib-timeline canvas", timeout=60_000)
         assert running.shared.session.wait(60.0)
         until(lambda: "autocalibrated" in running.shared.scene.scene._paths, what="path in 3-D")
