@@ -30,12 +30,12 @@ function under(u, v) {
 class Picture extends HTMLElement {
   connectedCallback() {
     this.innerHTML = `<div class="sc-large"><canvas class="sc-picture" role="img" tabindex="0"></canvas>
-      <div class="sc-read" aria-live="off"></div><div class="sc-tools"><span class="sc-legend"></span>
+      <div class="sc-read" aria-live="off"></div><div class="sc-tools"><span class="sc-legend"></span><span class="sc-buttons">
       <button type="button" data-do="in" aria-label="Zoom in">+</button><button type="button" data-do="out" aria-label="Zoom out">−</button>
       <button type="button" data-do="one" aria-label="One picture pixel a screen pixel">1:1</button>
       <button type="button" data-do="fit" aria-label="Whole picture">Fit</button>
       <button type="button" data-do="full" aria-label="Picture over the whole window">Large</button>
-      <button type="button" data-do="save" aria-label="Save this picture as PNG">PNG</button></div></div><div class="sc-thumbs"></div>`;
+      <button type="button" data-do="save" aria-label="Save this picture as PNG">PNG</button></span></div></div><div class="sc-thumbs"></div>`;
     this.large = this.querySelector('.sc-large');
     this.canvas = this.querySelector('canvas');
     this.read = this.querySelector('.sc-read');
