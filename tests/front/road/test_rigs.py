@@ -16,6 +16,8 @@ SHORT = (640, 480, 350.0, 319.5, 239.5, 0.12)
 KITTI = (1226, 370, 707.0, 602.0, 183.0, 0.54)
 WIDE = (1280, 720, 537.0, 639.5, 359.5, 0.2)
 """100 degrees of view."""
+LARGE = (3840, 2160, 2200.0, 1919.5, 1079.5, 0.3)
+"""4K."""
 NAMES = ("width", "height", "focal_px", "cx_px", "cy_px", "baseline_m")
 
 
@@ -32,9 +34,25 @@ NAMES = ("width", "height", "focal_px", "cx_px", "cy_px", "baseline_m")
     ids=["robot", "short baseline", "lorry", "12 deg", "30 deg", "wide"],
 )
 def test_any_rig_measures_its_plane(tmp_path: Path, camera: tuple[float, ...], mount: str) -> None:
-    file = tmp_path / "camera.yaml"
+    _measures(tmp_path, "plane", camera, f"{mount}&frames=4")
+
+
+@pytest.mark.parametrize(
+    ("camera", "mount"),
+    [
+        (KITTI, "mount_pitch_deg=30&frames=2"),
+        (LARGE, "mount_height_m=1.5&frames=1"),
+    ],
+    ids=["30 deg", "4K"],
+)
+def test_any_rig_measures_a_crowned_road(tmp_path: Path, camera: tuple[float, ...], mount: str) -> None:
+    _measures(tmp_path, "straight", camera, mount)
+
+
+def _measures(folder: Path, course: str, camera: tuple[float, ...], settings: str) -> None:
+    file = folder / "camera.yaml"
     file.write_text("".join(f"{name}: {value}\n" for name, value in zip(NAMES, camera, strict=True)))
-    source = SyntheticSource.from_spec(f"synthetic:plane?camera={file}&{mount}&frames=4")
+    source = SyntheticSource.from_spec(f"synthetic:{course}?camera={file}&{settings}")
     assert source.camera.baseline_m == camera[5]
     truth = source.ground_truth.extrinsics
     assert truth is not None
