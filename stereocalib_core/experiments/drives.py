@@ -1,8 +1,8 @@
 """How well the road is measured on rendered drives: `python -m stereocalib_core.experiments.drives [DRIVE[@A:B] ...]`
 
 For every drive, frames A to B (all of them without): how many have a road, the errors of height, pitch and roll over
-the plane of the own lane, and how many of them lie within one and two of their sigmas. Without a drive: three courses
-of three seeds each that no setting was chosen on, the first `FRAMES` frames of each.
+the plane of the own lane (bias: their median with its sign), and how many lie within one and two of their sigmas.
+Without a drive: three courses of three seeds each that no setting was chosen on, the first `FRAMES` frames of each.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SEEDS = (11, 23, 42)
 FRAMES = 120
 HEADER = (
     f"{'drive':32s} {'road':>9s}  {'RMSE mm, deg, deg':>22s}  "
-    f"{'median mm, deg, deg':>22s}  {'<1 s':>5s} {'<2 s':>5s}"
+    f"{'median mm, deg, deg':>22s}  {'bias mm, deg, deg':>22s}  {'<1 s':>5s} {'<2 s':>5s}"
 )
 _UNIT = np.array([1e3, *np.rad2deg([1.0, 1.0])])
 
@@ -43,8 +43,9 @@ class Judged:
             return f"{name:32s} {0:4d}/{self.frames:4d}"
         rmse = _UNIT * np.sqrt(np.mean(self.error**2, axis=0))
         median = _UNIT * np.median(np.abs(self.error), axis=0)
+        bias = _UNIT * np.median(self.error, axis=0)
         ratio = np.abs(self.error) / self.sigma
-        figures = "  ".join("{:6.2f} {:7.4f} {:7.4f}".format(*row) for row in (rmse, median))
+        figures = "  ".join("{:6.2f} {:7.4f} {:7.4f}".format(*row) for row in (rmse, median, bias))
         shares = " ".join(f"{np.mean(ratio < k):5.0%}" for k in (1.0, 2.0))
         return f"{name:32s} {len(self.error):4d}/{self.frames:4d}  {figures}  {shares}"
 

@@ -27,4 +27,6 @@ def test_known_errors_are_in_the_line() -> None:
     assert "4/   6" in line
     assert "1.12  0.0112  0.0224" in line
     assert line.endswith("50%  100%")
+    down = Judged(3, np.full((3, 3), -0.5) * sigma, np.tile(sigma, (3, 1))).line("down")
+    assert "0.50  0.0050  0.0100   -0.50 -0.0050 -0.0100" in down, "the median, and it with its sign"
     assert Judged(3, np.empty((0, 3)), np.empty((0, 3))).line("none").endswith("0/   3")
