@@ -28,7 +28,7 @@ from stereocalib_core.back.odometry.trajectory import (
     trajectory,
 )
 from stereocalib_core.back.rig.body_motion import MotionSeries
-from stereocalib_core.back.rig.consistency import consistent, near_smoothed
+from stereocalib_core.back.rig.consistency import consistent, near_smoothed, settled
 from stereocalib_core.back.rig.mount import estimate_mount
 from stereocalib_core.back.rig.pair import summarise
 from stereocalib_core.back.rig.pair_calibration import calibrate_pair
@@ -176,12 +176,13 @@ def _lidar(
 def _one_rig(
     results: Sequence[FrameResult], tracks: PackedTracks, config: PipelineConfig
 ) -> tuple[Sequence[FrameResult], FilteredExtrinsics, FilteredExtrinsics]:
-    """The results without frames that contradict the others; the filter over all, and the smoother without them.
+    """The results without frames that contradict the others, doubts settled; the filter over all, the smoother without.
 
     The filter knows nothing of later frames, and so not which ones will turn out to contradict. Every round leaves out
     at least one frame or is the last: no frame that is ok in the end contradicts the smoothed rig of the end.
     """
     filtered, smoothed = filter_drive(results, tracks.camera, config, tracks)
+    results = settled(results, config.consistency, config.region)
     kept: Sequence[FrameResult] = consistent(results, config.consistency)
     while True:
         if sum(r.ok for r in kept) < sum(r.ok for r in results):

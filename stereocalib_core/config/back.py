@@ -297,6 +297,9 @@ class ConsistencyConfig:
     """Fewer good frames on one side do not speak for a rig of their own: two seconds of another road are common."""
     least_frames: int = 5
     """Fewer around in all say nothing."""
+    settling: int = 15
+    """Frames without a doubt of their own that settle those of a drive's beginning: as many as the front end looks
+    back over, longer than the body swings."""
     rounds: int = 4
     """How often the frames left are asked again about those left out. Numerical."""
 

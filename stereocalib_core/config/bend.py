@@ -38,7 +38,8 @@ class BendConfig:
     rising_bins: int = 2
     """A rise ends above the first [m], higher than any kerb, with so many bins above the second [m]."""
     low_m: float = 0.07
-    """Nothing but a road lies so far below the plane [m]: four times what the matcher errs by at 20 m."""
+    """Nothing but a road lies so far below the plane [m]: four times what the matcher errs by at 20 m; with
+    `rising_bins` below half of it, as no crest goes down by a step."""
     kerb_m: float = 0.09
     """Higher than a hump in the road, lower than a kerb [m]."""
     hump_m: float = 0.025

@@ -86,6 +86,7 @@ def pack(done: Done) -> bytes:
             list(road.bend),
             road.crossfall_rad,
             list(road.along),
+            list(road.alone),
         ],
         "failure": None if r.failure is None else [str(r.failure.reason), r.failure.detail],
         "free_fraction": r.free_fraction,
@@ -217,6 +218,8 @@ def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
             (road[5][0], road[5][1]),
             road[6],
             (road[7][0], road[7][1]),
+            # runs of earlier versions have it in what goes before
+            (road[8][0], road[8][1]) if len(road) > 8 else (0.0, 0.0),
         ),
         None if failure is None else Failure(FailureReason(failure[0]), failure[1]),
         values["free_fraction"],

@@ -73,6 +73,7 @@ class RoadEstimate:
     bend: height [m] and pitch [rad] by which the lane as a whole differs, where the road bends up or down ahead.
     crossfall_rad: 1 sigma of the roll by which it may differ: one side of a crown, or another road's in a turn.
     along: 1 sigma of height [m] and pitch [rad], together, that the crossfall makes where the car turns.
+    alone: 1 sigma of pitch and roll [rad] of not being the road at all: what a pair with nothing before it can't tell.
     """
 
     extrinsics: Extrinsics
@@ -83,16 +84,27 @@ class RoadEstimate:
     bend: tuple[float, float] = (0.0, 0.0)
     crossfall_rad: float = 0.0
     along: tuple[float, float] = (0.0, 0.0)
+    alone: tuple[float, float] = (0.0, 0.0)
 
     @property
     def bend_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) what `bend` and crossfall add to `covariance`: no other look at the same road averages it out."""
+        """(3, 3) what `bend`, crossfall and doubt add to `covariance`: no other look at the same road averages it out.
+
+        Another plane than the road meets it about where the car is, halfway to what is seen of it.
+        """
+        pitch, roll = self.alone
         bend, along = np.array([*self.bend, 0.0]), np.array([*self.along, 0.0])
-        return np.outer(bend, bend) + np.outer(along, along) + np.diag([0.0, 0.0, self.crossfall_rad**2])
+        other = np.array([0.25 * sum(self.range_m) * pitch, pitch, 0.0])
+        return (
+            np.outer(bend, bend)
+            + np.outer(along, along)
+            + np.outer(other, other)
+            + np.diag([0.0, 0.0, self.crossfall_rad**2 + roll**2])
+        )
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """(3,) standard deviations of height [m], pitch [rad], roll [rad], `bend` and crossfall included."""
+        """(3,) standard deviations of height [m], pitch [rad], roll [rad], `bend_covariance` included."""
         return np.sqrt(np.diag(self.covariance + self.bend_covariance))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stereocalib_core.config import ConsistencyConfig
+from stereocalib_core.config import ConsistencyConfig, RegionConfig
 from stereocalib_core.errors import Failure, FailureReason
 from stereocalib_core.numeric.arrays import Array, Mask
 from stereocalib_core.results import FrameResult, estimates
@@ -72,6 +72,36 @@ def near_smoothed(
                 result, road=None, failure=Failure(FailureReason.INCONSISTENT, detail)
             )
     return checked
+
+
+def settled(
+    results: Sequence[FrameResult], config: ConsistencyConfig, region: RegionConfig
+) -> list[FrameResult]:
+    """The same results; the doubts of pairs that had nothing before them as far as the frames after contradict.
+
+    A drive's first pair can't tell its road from a plane beside it. The frames after come over that road, until they
+    have no doubt of their own: what lies no farther from the first of those than a rig's road may lie from that of a
+    moment ago is the road as surely as theirs is. Of a doubt is left what it takes to bring both together.
+    """
+    settled = list(results)
+    values = estimates(results)
+    sure = np.array([r.road is not None and r.road.alone == (0.0, 0.0) for r in results], dtype=bool)
+    for i, result in enumerate(results):
+        if result.road is None or sure[i]:
+            continue
+        after = i + 1 + np.flatnonzero(sure[i + 1 : i + 1 + config.reach])[: config.settling]
+        if len(after) < config.least_frames:
+            continue
+        road = result.road
+        measured = dataclasses.replace(road, alone=(0.0, 0.0))
+        middle = np.median(values[after], axis=0)
+        apart = [region.past_height * middle[0], region.past_pitch_rad, region.past_roll_rad]
+        beyond = np.maximum(np.abs(values[i] - middle) - np.hypot(measured.sigma, apart), 0.0)
+        doubt = np.sqrt(np.diag(road.bend_covariance - measured.bend_covariance))
+        left = float(np.clip((beyond / doubt).max(), 0.0, 1.0))
+        alone = (left * road.alone[0], left * road.alone[1])
+        settled[i] = dataclasses.replace(result, road=dataclasses.replace(road, alone=alone))
+    return settled
 
 
 def _around(values: Array, kept: Mask, config: ConsistencyConfig) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stereocalib_core.back.odometry.packing import PackedTracks, pack
 from stereocalib_core.back.rig.carried import motions
+from stereocalib_core.back.rig.consistency import settled
 from stereocalib_core.back.rig.road_points import Look, road_planes
 from stereocalib_core.config import PipelineConfig
 from stereocalib_core.geometry import StereoCamera
@@ -62,13 +63,14 @@ def filter_drive(
         states.append(step.state)
         if i % LET_GO_EVERY == 0:
             let_go(aside)
-    state, bends = tuple(states), _bends(results)
-    filtered = FilteredExtrinsics(values.copy(), covariance + bends, state)
+    state = tuple(states)
+    filtered = FilteredExtrinsics(values.copy(), covariance + _bends(results), state)
     for first, last in _stretches(states, joined):
         backwards = _backwards(aside[first : last + 1])
         for i, (x, P) in zip(range(last, first - 1, -1), backwards, strict=True):
             values[i] = seen(x)
             covariance[i] = measured_covariance(P) + persistent[i]
+    bends = _bends(settled(results, config.consistency, config.region))
     return FilteredDrive(filtered, FilteredExtrinsics(values, covariance + bends, state))
 
 

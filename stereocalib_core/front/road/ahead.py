@@ -149,8 +149,8 @@ def bend_ahead(
     """By how much height [m] and pitch [rad] over the whole lane differ from `extrinsics`; zeros without a bend.
 
     The lane's plane is the least-squares one, uniform over its length; where a bend leads out of sight it is
-    taken to go on as it was. curvature_per_m: of the car's way, positive to the right; in a sharp turn what lies
-    ahead is not where the car goes.
+    taken to go on as it was, or level where it was coming back. curvature_per_m: of the car's way, positive to the
+    right; in a sharp turn what lies ahead is not where the car goes.
     """
     bend = config.bend
     if abs(curvature_per_m) > bend.sharpest_per_m:
@@ -170,12 +170,15 @@ def bend_ahead(
     height = surface[path]
     rising = np.count_nonzero(height > bend.rising_m) >= bend.rising_bins
     up = len(path) > 2 and height.max() > bend.high_m and rising
-    down = len(path) > 2 and height.min() < -bend.low_m
+    falling = np.count_nonzero(height < -0.5 * bend.low_m) >= bend.rising_bins
+    down = len(path) > 2 and height.min() < -bend.low_m and falling
     at = np.arange(bins)
     if up or down:
         whole = np.interp(at, path, height, left=0.0)
         last, before = path[-1], path[-2]
         slope = (surface[last] - surface[before]) / (last - before)
+        if slope * surface[last] < 0.0:
+            slope = 0.0  # two bins that lead back to the plane may be noise, and five more of it a hill
         whole[last:] = surface[last] + slope * (at[last:] - last)
     elif _uneven(path := _below_kerb(path, surface, bend), surface, bend):
         whole = np.interp(at, path, surface[path], left=0.0, right=0.0)

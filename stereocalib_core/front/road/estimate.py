@@ -289,12 +289,12 @@ def finish_road(
     if failure is not None:
         return notes.end(road, failure)
     # How well a plane is known decides; that a pair alone can't tell whose plane it is says nothing of that.
-    if direct is not None:
-        found = _doubted(found, alone(region, hint.before, config.direct), region)
+    doubt = (0.0, 0.0) if direct is None else alone(region, hint.before, config.direct)
     e, covariance, inliers, crossfall_rad, along = found
     estimate = RoadEstimate(
-        e, covariance, inliers, share, region.range_m, crossfall_rad=crossfall_rad, along=along
-    )
+        *(e, covariance, inliers, share, region.range_m),
+        crossfall_rad=crossfall_rad, along=along, alone=doubt,
+    )  # fmt: skip
     return notes.end(road, None, estimate)
 
 

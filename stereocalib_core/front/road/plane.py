@@ -31,6 +31,7 @@ from stereocalib_core.front.road.surface import (
     fit_lane,
     further_bends,
     left_roughness,
+    own_unevenness,
     row_covariance,
     unmodelled_covariance,
     unseen_share,
@@ -150,6 +151,7 @@ def fit_direct(
             return None
         parameters = parameters + fit.solution[:SLOTS]
         bent = J_bends @ fit.solution[SLOTS:]
+        held_unevenness = unevenness
         trust = np.zeros(len(us))
         trust[seen] = fit.robust
         if iteration + 1 < config.iterations:
@@ -166,7 +168,14 @@ def fit_direct(
     judged = seen if as_seen else seen & (np.abs(x_m) <= config.lane_half_width_m)
     if not judged.any():
         return None
-    covariance = fit.covariance + unmodelled_covariance(
+    uneven_px = held_unevenness * np.sqrt(shared[seen]) * px_per_m[seen]
+    lane = area[seen] * (fit.robust > 0.0) * (np.abs(x_m[seen]) <= config.lane_half_width_m)
+    enough = np.count_nonzero(lane) >= config.min_patches
+    own = own_unevenness(fit, J[seen], px_per_m[seen], lane, uneven_px) if enough else 0.0
+    if as_seen:
+        # no bend along it is fitted: what is out of sight stays as uneven as it was
+        own = (1.0 - unseen) * own
+    covariance = fit.covariance + own + unmodelled_covariance(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
         unseen, config,

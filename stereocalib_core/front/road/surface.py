@@ -31,7 +31,7 @@ class LaneFit:
     """solution (6,): change of the plane's parameters, then the bends [m]; covariance (6, 6) from the residuals found.
 
     gain (6, N): how the solution follows each offset. robust (N,): weights 0...1. residual (N,) [px]. beyond_shape (N,)
-    [px]: the residual over the plane and bends of whatever size fits best.
+    [px]: the residual over the plane and bends of whatever size fits best. scale: of the variances.
     """
 
     solution: Array
@@ -40,6 +40,7 @@ class LaneFit:
     robust: Array
     residual: Array
     beyond_shape: Array
+    scale: float
 
 
 def _normal(x_m: Array, z_m: Array, config: DirectConfig) -> tuple[Array, Array]:
@@ -152,6 +153,7 @@ def fit_lane(
         robust,
         offset - every @ solution,
         residual,
+        scale,
     )
 
 
@@ -189,6 +191,21 @@ def row_covariance(fit: LaneFit, v: NDArray[np.int64], shared_px: float) -> Arra
     rows = np.unique(v, return_inverse=True)[1]
     response = np.stack([np.bincount(rows, gain) for gain in fit.gain]) * shared_px
     return np.asarray(response @ response.T)
+
+
+def own_unevenness(fit: LaneFit, J: Array, px_per_m: Array, area: Array, uneven_px: Array) -> Array:
+    """(6, 6) to be added to `fit.covariance`, whose share of the unevenness takes the road for one of many alike.
+
+    The plane that is meant is that of this very road, its unevenness included: the least-squares plane of the lane by
+    `area` (N,) [m^2], 0 beside it. Of the unevenness (N,) [px], 1 sigma, only what the fit makes otherwise of it than
+    that plane is an error.
+    """
+    plane = J[:, :SLOTS]
+    weighted = (plane * (area / px_per_m**2)[:, None]).T
+    off = fit.gain.copy()
+    off[:SLOTS] -= np.linalg.solve(weighted @ plane, weighted)
+    error, whole = off * uneven_px, fit.gain * uneven_px
+    return fit.scale * (error @ error.T - whole @ whole.T)
 
 
 def left_roughness(noise_m: Array, height_m: Array) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from stereocalib_core.back.analyse import analyse
-from stereocalib_core.back.rig.consistency import near_smoothed
+from stereocalib_core.back.rig.consistency import near_smoothed, settled
 from stereocalib_core.config import ConsistencyConfig, PipelineConfig
 from stereocalib_core.errors import FailureReason
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -51,3 +53,22 @@ def test_what_is_left_out_says_by_how_much() -> None:
     failure = checked[1].failure
     assert failure is not None and failure.reason is FailureReason.INCONSISTENT
     assert "+0.16 m, 40 sigma" in failure.detail
+
+
+@pytest.mark.parametrize(("off_deg", "left"), [(0.5, 0.0), (2.5, 1.0)])
+def test_the_first_pairs_doubt_is_settled_by_the_frames_after(off_deg: float, left: float) -> None:
+    """Whose road it is: gone where the frames after see it too, kept where they see another."""
+    values = np.tile([1.65, 0.01, -0.005], (20, 1))
+    values[0, 1] += np.deg2rad(off_deg)
+    frames, alone = results_of(values), (0.009, 0.023)
+    road = frames[0].road
+    assert road is not None
+    frames[0] = dataclasses.replace(frames[0], road=dataclasses.replace(road, alone=alone))
+    settings = PipelineConfig()
+    first, *rest = settled(frames, settings.consistency, settings.region)
+    assert first.road is not None and rest == frames[1:]
+    assert first.road.alone == pytest.approx(np.multiply(left, alone))
+    told = analyse(frames, CAMERA, settings).frames
+    assert told.sigma[0] == pytest.approx(first.road.sigma)
+    # too few frames after it say nothing
+    assert settled(frames[:4], settings.consistency, settings.region) == frames[:4]

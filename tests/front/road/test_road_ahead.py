@@ -106,6 +106,18 @@ def test_the_lane_is_followed_through_a_curve_and_left_alone_in_a_turn() -> None
     assert bend_ahead(*seen(ramp(9, 0.11)), CAMERA, NEAR, LANE, 1.0 / 60.0) == (0.0, 0.0)
 
 
+def test_a_dip_at_the_end_of_sight_is_no_hill_beyond() -> None:
+    """Two bins that lead back to the plane were drawn on to a hill of 0.3 m at the lane's end."""
+
+    def dipping(x: np.ndarray, z: float) -> np.ndarray:
+        seen_m = -0.09 * np.exp(-(((z - 13.0) / 1.2) ** 2)) if z < 15.0 else np.nan
+        return np.full_like(x, seen_m)
+
+    height_m, pitch_rad = bend_ahead(*seen(dipping), CAMERA, NEAR, LANE)
+    assert abs(height_m) < 0.05
+    assert abs(pitch_rad) < np.deg2rad(0.3)
+
+
 def test_curvature_is_positive_to_the_right() -> None:
     # the camera turned right by 0.01 rad over 1 m: what it saw before now lies to the left and nearer
     assert curvature_of(np.array([0.0, -0.01, 0.0, 0.0, 0.0, -1.0])) == pytest.approx(0.01)

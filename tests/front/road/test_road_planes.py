@@ -14,6 +14,7 @@ from stereocalib_core.front.road.surface import (
     beside,
     fit_lane,
     further_bends,
+    own_unevenness,
     row_covariance,
     unseen_share,
 )
@@ -221,6 +222,30 @@ def test_the_lane_lies_under_the_camera_whose_picture_leans(roll_deg: float) -> 
     u, v = CAMERA.focal_px * x / z, CAMERA.focal_px * y / z
     found = z * (np.column_stack([u, v, np.ones(3)]) @ across_of(rig, CAMERA.focal_px))
     np.testing.assert_allclose(found, X, atol=1e-9)
+
+
+def test_bumps_of_the_road_itself_are_no_error_of_its_plane() -> None:
+    """Against the least-squares plane of the bumpy lane: covered, and by less than half of what any road would need."""
+    rng = np.random.default_rng(3)
+    config = DirectConfig()
+    z, x = rng.uniform(4.5, 19.5, 300), rng.uniform(-1.7, 1.7, 300)
+    height_m, fb, uneven_m, noise_px = 1.65, CAMERA.focal_px * CAMERA.baseline_m, 0.01, 0.02
+    px_per_m, area = fb / (height_m * z), np.ones(300)
+    plane = np.column_stack([CAMERA.focal_px * height_m / z, CAMERA.focal_px * x / z, np.ones(300)])
+    J = np.hstack([plane, bends(x, z, config) * px_per_m[:, None]])
+    variance = noise_px**2 + (uneven_m * px_per_m) ** 2
+    off, told, any_road = [], [], []
+    for _ in range(40):
+        bumps = rng.normal(0.0, uneven_m, 300)
+        fit = fit_lane(J, bumps * px_per_m + rng.normal(0.0, noise_px, 300), variance, config)
+        own = own_unevenness(fit, J, px_per_m, area, uneven_m * px_per_m)
+        meant = np.linalg.lstsq(plane / px_per_m[:, None], bumps, rcond=None)[0]
+        off.append(fit.solution[:3] - meant)
+        told.append(np.diag(fit.covariance + own)[:3])
+        any_road.append(np.diag(fit.covariance)[:3])
+    ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(told, axis=0))
+    assert np.all((ratio > 0.5) & (ratio < 1.4)), ratio
+    assert np.all(np.mean(told, axis=0) < 0.25 * np.mean(any_road, axis=0))
 
 
 def test_direct_with_half_of_the_road_covered() -> None:
