@@ -173,8 +173,7 @@ def fit_direct(
     enough = np.count_nonzero(lane) >= config.min_patches
     own = own_unevenness(fit, J[seen], px_per_m[seen], lane, uneven_px) if enough else 0.0
     if as_seen:
-        # no bend along it is fitted: what is out of sight stays as uneven as it was
-        own = (1.0 - unseen) * own
+        own = region.share * own  # the rest of the way ahead is out of sight, and as uneven as any road
     covariance = fit.covariance + own + unmodelled_covariance(
         fit, px_per_m[seen], further_bends(x_m[seen], z[seen], config),
         left_roughness(sigmas[seen] / px_per_m[seen], fit.residual / px_per_m[seen]),
