@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
 from types import MappingProxyType
 
 import numpy as np
@@ -140,17 +141,20 @@ class FrontEnd:
         """One pair to its result; never raises for a bad frame."""
         return self.look(frame).result
 
-    def look(self, frame: StereoFrame, prepared: Prepared | None = None) -> Look:
-        """`step` with what it saw on the way. prepared: by `prepare` with the first of `pasts`, where it was.
+    def look(
+        self, frame: StereoFrame, prepared: Prepared | None = None, aside: Executor | None = None
+    ) -> Look:
+        """`step` with what it saw on the way. prepared: by `prepare` with the first of `pasts`, where it was. aside:
+        takes over what can be done at the same time.
 
         A pair with a camera of its own, out of a set of single pairs, is looked at by itself: nothing of its
         neighbours is its past, and it is none of theirs.
         """
-        look = self._look(owned(frame), prepared)
+        look = self._look(owned(frame), prepared, aside)
         self._pasts.append(self._behind.past)
         return look
 
-    def _look(self, frame: StereoFrame, prepared: Prepared | None) -> Look:
+    def _look(self, frame: StereoFrame, prepared: Prepared | None, aside: Executor | None) -> Look:
         if not self._is_mine(frame):
             assert frame.camera is not None
             own = FrontEnd(frame.camera, self.config, self.matcher)
@@ -175,7 +179,7 @@ class FrontEnd:
             )  # fmt: skip
             return Look(failed, road)
         began = time.perf_counter()
-        tracks = self._track(frame.index, left, right, road, prepared.sharpness)
+        tracks = self._track(frame.index, left, right, road, prepared.sharpness, aside)
         timing["tracks"] = 1e3 * (time.perf_counter() - began)
         began = time.perf_counter()
         estimate, ahead = self._bent(road)
@@ -239,7 +243,13 @@ class FrontEnd:
         )
 
     def _track(
-        self, index: int, left: Grey, right: Grey, road: RoadResult, sharpness: Sharpness
+        self,
+        index: int,
+        left: Grey,
+        right: Grey,
+        road: RoadResult,
+        sharpness: Sharpness,
+        aside: Executor | None,
     ) -> Tracks | None:
         if road.matched is None:
             return None
@@ -247,7 +257,7 @@ class FrontEnd:
         self._behind.saw(of_road)
         standing = self._behind.standing
         view = PairView(index, left, right, road.disparity, standing, of_road is not None, sharpness)
-        self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks)
+        self._tracker, tracks = advance(self.camera, self._tracker, view, self.config.tracks, aside)
         motion = self._tracker.motion
         self._own_car = own_car.go_on(
             *(self._own_car, index, (left, right), self._behind.motion_to(index, motion)),

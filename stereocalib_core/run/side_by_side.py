@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -34,10 +34,12 @@ def looks(
             yield frame, _look(front_end, frame)
 
 
-def _look(front_end: FrontEnd, frame: StereoFrame, seen: Prepared | None = None) -> Look:
+def _look(
+    front_end: FrontEnd, frame: StereoFrame, seen: Prepared | None = None, aside: Executor | None = None
+) -> Look:
     """`front_end.look`; a Ctrl-C in the moment in which a compiled loop hands over its result stays a Ctrl-C."""
     try:
-        return front_end.look(frame) if seen is None else front_end.look(frame, seen)
+        return front_end.look(frame, seen, aside)
     except SystemError as error:
         cause: BaseException | None = error
         while isinstance(cause, SystemError):
@@ -59,6 +61,7 @@ def _ahead(
     waiting: deque[Future[tuple[StereoFrame, Prepared | None]]] = deque()
     reader = ThreadPoolExecutor(1, thread_name_prefix="prefetch")
     pool = ThreadPoolExecutor(len(front_end.pasts) - 1, thread_name_prefix="prepare")
+    aside = ThreadPoolExecutor(1, thread_name_prefix="aside")
 
     def read_on() -> None:
         if (index := next(coming, None)) is not None:
@@ -80,10 +83,11 @@ def _ahead(
                 begin(past)
             while waiting:
                 frame, seen = waiting.popleft().result()
-                look = _look(front_end, frame, seen)
+                look = _look(front_end, frame, seen, aside)
                 begin(front_end.pasts[-1])
                 yield frame, look
         finally:
+            aside.shutdown(wait=False)
             reader.shutdown(wait=False, cancel_futures=True)
             # what is being prepared reads pictures that whoever closes this may take away
             pool.shutdown(wait=True, cancel_futures=True)

@@ -125,7 +125,8 @@ def _draw(u: Array, v: Array, d: Array, cumulative: Array, count: int) -> Array:
     return planes
 
 
-@njit(cache=True, nogil=True)
+# Sums may be reordered, so that several cells are taken at once.
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _score(
     u: Array,
     v: Array,
@@ -156,23 +157,22 @@ def _score(
         length = scale[3] * near
         height_tolerance = min(scale[0], scale[1] * height) / height
         below_tolerance = min(scale[8], scale[1] * height) / height
-        total = 0.0
+        least, first, against, total = scale[2] * noise, 0.8 * near, scale[4], 0.0
+        # no branches, so that several cells are weighed at once
         for i in range(len(u)):
-            if z[i] > far or z[i] < 0.8 * near:
-                continue
             e = d[i] - (a * v[i] + bu * u[i] + c)
-            least = scale[2] * noise
-            tolerance = max(height_tolerance * d[i], least)
-            if e > tolerance or (e <= -tolerance and e > -max(below_tolerance * d[i], least)):
-                continue
+            tolerance = height_tolerance * d[i]
+            tolerance = tolerance if tolerance > least else least
+            below = below_tolerance * d[i]
+            below = below if below > tolerance else tolerance
             q = z[i] / length
             w = weight[i] / (1.0 + q * q * q * q)
-            if e > -tolerance:
-                # a compromise between road and pavement has many cells near it, the road itself has them on it
-                on = 1.0 - (e / tolerance) ** 2
-                total += on * on * w
-            else:
-                total -= scale[4] * w
+            # a compromise between road and pavement has many cells near it, the road itself has them on it
+            off = e / tolerance
+            on = 1.0 - off * off
+            worth = on * on if on > 0.0 else 0.0
+            worth = worth if e > -below else -against
+            total += worth * w if (z[i] <= far) & (z[i] >= first) else 0.0
         # area in the picture becomes area of road: a lower camera sees it flatter
         scores[k] = total / height / (near * near)
     return scores

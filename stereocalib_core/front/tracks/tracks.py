@@ -9,6 +9,7 @@ column and disparity (cars, shadows, reflections) is dropped. No correction sett
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -63,15 +64,21 @@ class TrackerState:
 
 
 def advance(
-    camera: StereoCamera, state: TrackerState, view: PairView, config: TracksConfig | None = None
+    camera: StereoCamera,
+    state: TrackerState,
+    view: PairView,
+    config: TracksConfig | None = None,
+    aside: Executor | None = None,
 ) -> tuple[TrackerState, Tracks | None]:
-    """The next usable pair: the new state, and the tracks from the pair before, if there are any."""
+    """The next usable pair: the new state, and the tracks from the pair before, if there are any.
+
+    aside: finds the corners to go on from meanwhile.
+    """
     config = config or TracksConfig()
     sharpness = view.sharpness or Sharpness.of(view.left)
     pyramid, strength = sharpness.pyramid, sharpness.strength
-    corners = find_corners(
-        camera, view.left, view.right, strength, view.extrinsics, view.disparity, view.road_known, config
-    )
+    here = camera, view.left, view.right, strength, view.extrinsics, view.disparity, view.road_known, config
+    finding = None if aside is None else aside.submit(find_corners, *here)
     tracks: Tracks | None = None
     motion: Array | None = None
     if state.view is not None and state.pyramid is not None and state.corners is not None:
@@ -79,6 +86,7 @@ def advance(
         if 0 < jump <= config.max_jump + 1:
             tracks, found = _track(camera, state, view, pyramid, jump, config)
             motion = None if found is None else found / jump
+    corners = find_corners(*here) if finding is None else finding.result()
     return TrackerState(replace(view, sharpness=None), pyramid, corners, motion), tracks
 
 
