@@ -38,7 +38,7 @@ class FakeFrontEnd:
     def prepare(self, *_: object) -> None:
         pass
 
-    def look(self, frame: StereoFrame, _: object = None) -> pipeline.Look:
+    def look(self, frame: StereoFrame, *_: object) -> pipeline.Look:
         return pipeline.Look(self.step(frame))
 
     def step(self, frame: StereoFrame) -> FrameResult:

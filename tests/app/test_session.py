@@ -33,7 +33,7 @@ class Pretender:
     def prepare(self, *_: Any) -> None:
         pass
 
-    def look(self, frame: StereoFrame, _: Any = None) -> pipeline.Look:
+    def look(self, frame: StereoFrame, *_: Any) -> pipeline.Look:
         return pipeline.Look(self.step(frame))
 
     def step(self, frame: StereoFrame) -> FrameResult:

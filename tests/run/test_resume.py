@@ -491,7 +491,7 @@ def test_a_long_drive_waits_on_the_disk(tmp_path: Path, monkeypatch: pytest.Monk
         def prepare(self, *_: object) -> None:
             pass
 
-        def look(self, frame: StereoFrame, _: object = None) -> pipeline.Look:
+        def look(self, frame: StereoFrame, *_: object) -> pipeline.Look:
             result = dataclasses.replace(tracked.result, frame=frame.index, tracks=big)
             return pipeline.Look(result)
 

@@ -109,6 +109,11 @@ def in_sigmas(kitti_raw_0005: Path, kitti_raw_0009: Path) -> np.ndarray:
 
 
 def test_sigma_that_a_frame_tells_is_its_difference_to_the_lidar(in_sigmas: np.ndarray) -> None:
-    """Neither too narrow nor too wide. No setting was chosen by these frames."""
+    """Neither too narrow nor too wide.
+
+    No number was fitted to these frames, but variants were compared with this count in view (when the doubt of a
+    drive's first pairs is settled; how much of its unevenness a wide region takes off), so that other recordings say
+    more than this.
+    """
     assert 0.60 <= np.mean(in_sigmas < 1.0) <= 0.76
     assert np.mean(in_sigmas < 2.0) >= 0.92
