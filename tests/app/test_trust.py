@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import shutil
 import signal
@@ -119,20 +120,33 @@ def test_double_clicks_and_two_browsers_open_one_page(hub: Hub, open_page: Any, 
     until(lambda: hub.shared is not before and hub.shared.playback.total == 6, what="opened")
     until(lambda: len(hub._sessions) == 1, what="one drive")
     order: list[str] = []
-    asked = hub.library.open
+    done: list[str] = []
+    asked, show = hub.library.open, hub._show
 
     def heard(text: str) -> object:
         order.append(text)
         return asked(text)
 
+    def shown(*given: Any, **named: Any) -> None:
+        show(*given, **named)
+        done.append("a wish")
+
     hub.library.open = heard  # type: ignore[method-assign, assignment]
+    hub._show = shown  # type: ignore[method-assign]
     between = hub.shared
     for page, name in zip(pages, ("one", "two"), strict=True):
         tab(page, "Open")
         page.locator(".sc-shelf button", has_text=f"{name}/").first.wait_for()
     for page, name in zip(pages, ("one", "two"), strict=True):
         page.locator(".sc-shelf button", has_text=f"{name}/").first.evaluate("b => { b.click(); b.click(); }")
-    until(lambda: len(order) >= 2, what="both asked")
+    until(
+        lambda: {wish.split("/")[0] for wish in order} == {"one", "two"},
+        what="both asked, whatever is replaced",
+    )
+    until(
+        lambda: len(done) == len(order) and not any(link._granting for link in hub.desk.links.all()),
+        what="nothing is left to be done",
+    )
     until(lambda: hub.shared is not between and hub.shared.playback.total in (4, 5), what="opened")
     until(
         lambda: hub.shared.playback.total == (4 if order[-1].startswith("one") else 5), what="the later wish"
@@ -151,6 +165,21 @@ def test_double_clicks_and_two_browsers_open_one_page(hub: Hub, open_page: Any, 
     tab(pages[0], "Time line")
     pages[0].get_by_role("button", name="step ▶").click()
     until(lambda: hub.shared.playback.state.frame == 2, what="and steer it")
+
+
+def test_a_line_that_breaks_is_up_again_with_the_same_browser(hub: Hub, open_page: Any) -> None:
+    """Whoever asks for something meanwhile is heard, and followers stay followers."""
+    page = open_page(hub)
+    until(lambda: any(link.client is not None for link in hub.desk.links.all()), what="it says who it is")
+    broken = next(link for link in hub.desk.links.all() if link.client is not None)
+    client = broken.client
+    hub.shared.playback.play(False)
+    hub.shared.playback.seek(0)
+    asyncio.run_coroutine_threadsafe(broken._connection.close(), broken._loop).result(30.0)
+    tab(page, "Time line")
+    page.get_by_role("button", name="step ▶").click()
+    until(lambda: hub.shared.playback.state.frame == 1, what="the step is heard")
+    until(lambda: [link.client for link in hub.desk.links.all()] == [client], what="it says who it is again")
 
 
 def test_an_upload_that_stops_half_way_is_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

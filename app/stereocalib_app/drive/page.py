@@ -148,6 +148,11 @@ class Page(PageBase):
         """The outermost elements, to hide in a browser that leaves this page."""
         return list(self._roots)
 
+    @property
+    def closed(self) -> bool:
+        """Whether another page has taken its place, or none will."""
+        return self._closed
+
     def may_act(self, event: Any) -> bool:
         """Followers do not steer while somebody holds the lead."""
         if self._closed:

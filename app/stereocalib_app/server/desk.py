@@ -52,6 +52,9 @@ class Pages(Protocol):
     def page_of(self, client_id: int) -> Page:
         """The page of one browser."""
 
+    def settled_page_of(self, client_id: int | None) -> Page:
+        """The same, None's is the shared one; while another drive is put in its place, the one that will be there."""
+
     def browser(self, number: int) -> Any | None:
         """viser's client of a number, None where it has gone."""
 
@@ -188,28 +191,42 @@ class Desk:
 
     # --- what can be asked
 
-    def _act(self, link: Link, page: Page, action: Callable[[], Any]) -> None:
-        """Do what a person asked for, where that person may."""
-        if link.client is not None:
-            asking = Asking(link.client, link.client.client_id)
-            page.run_for_client(asking, lambda _client: page.one_by_one(lambda _: action(), None))
-        elif self._pages.leader is None:
-            page.one_by_one(lambda _: action(), None)
+    def _act(self, link: Link, action: Callable[[Page], Any]) -> None:
+        """Do what a person asked for, where that person may: on the page that is there when it is done."""
+        client, begun = link.client, False
+
+        def act(page: Page) -> None:
+            nonlocal begun
+            begun = True
+            action(page)
+
+        def ask(page: Page) -> None:
+            if client is not None:
+                asking = Asking(client, client.client_id)
+                page.run_for_client(asking, lambda _client: page.one_by_one(act, page))
+            elif self._pages.leader is None:
+                page.one_by_one(act, page)
+
+        for _ in range(MOST_PAGES):
+            page = self._pages.settled_page_of(None if client is None else client.client_id)
+            ask(page)
+            if begun or not page.closed:
+                return
 
     def _seek(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
         frame = message.get("frame")
         if isinstance(frame, int) and not isinstance(frame, bool) and abs(frame) < 1e9:
-            self._act(link, page, lambda: page.playback.seek(frame))
+            self._act(link, lambda page: page.playback.seek(frame))
 
     def _stage(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
         name = message.get("name")
         if name in LAYOUTS:
-            self._act(link, page, lambda: page.change(layout=name))
+            self._act(link, lambda page: page.change(layout=name))
 
     def _move(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
         action = MOVES.get(str(message.get("what")))
         if action is not None:
-            self._act(link, page, lambda: action(page))
+            self._act(link, action)
 
     def _card(self, link: Link, page: Page, message: Mapping[str, Any]) -> bytes | None:
         last = self._last.get(page.name)
@@ -245,7 +262,7 @@ class Desk:
     def _open(self, link: Link, page: Page, message: Mapping[str, Any]) -> None:
         path = message.get("path")
         if isinstance(path, str):
-            self._act(link, page, lambda: page.doors.open(path))
+            self._act(link, lambda page: page.doors.open(path))
 
     async def thumb(self, query: dict[str, str]) -> tuple[str, bytes] | None:
         """The first picture of a drive below the root, small."""
@@ -275,6 +292,8 @@ class Desk:
         return packed(head, steps.astype("<u2").tobytes())
 
 
+MOST_PAGES = 5
+"""So often another page may take the place of the one that a person meant, before it is given up."""
 MOVES: Mapping[str, Callable[[Page], Any]] = {
     "play": lambda page: page.playback.toggle(),
     "back": lambda page: page.playback.step(-1),

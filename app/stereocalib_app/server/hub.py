@@ -78,6 +78,12 @@ class Hub:
         """The page that a browser shows."""
         return self._own.get(client_id, self.shared)
 
+    def settled_page_of(self, client_id: int | None) -> Page:
+        """The page that a browser shows, None's is the shared one; while another drive is put in its place, the one
+        that will be there."""
+        with self._lock:
+            return self.shared if client_id is None else self.page_of(client_id)
+
     def browser(self, number: int) -> viser.ClientHandle | None:
         """viser's client of a number, None where it has gone."""
         return self.server.get_clients().get(number)

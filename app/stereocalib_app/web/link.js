@@ -6,8 +6,16 @@ export const flat = window.drawnByProcessor() ? { willReadFrequently: true } : u
 const decoder = new TextDecoder();
 let socket = null, wait = 300, wanted = null;
 
+// What is asked while the line is down is asked when it is up again; of each kind the latest.
+const unsent = new Map();
 export function send(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  else if (message.t !== 'hello' && message.t !== 'shown') unsent.set(message.t, message);
+}
+function catchUp() {
+  const waiting = [...unsent.values()];
+  unsent.clear();
+  waiting.forEach(send);
 }
 
 export function tell(name, detail) { bus.dispatchEvent(new CustomEvent(name, { detail })); }
@@ -69,9 +77,9 @@ function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/own/link`);
   socket.binaryType = 'arraybuffer';
   let last = Promise.resolve();
-  socket.onopen = () => { wait = 300; hello(); };
+  socket.onopen = () => { wait = 300; hello(); catchUp(); };
   socket.onmessage = event => { last = last.then(() => received(event.data)).catch(console.warn); };
-  socket.onclose = () => { known.me = null; setTimeout(connect, wait); wait = Math.min(2 * wait, 5000); };
+  socket.onclose = () => { setTimeout(connect, wait); wait = Math.min(2 * wait, 5000); };
 }
 connect();
 // Where viser's panel is folded away our name is not in the page: be a guest then.
