@@ -97,8 +97,10 @@ def settled(
         middle = np.median(values[after], axis=0)
         apart = [region.past_height * middle[0], region.past_pitch_rad, region.past_roll_rad]
         beyond = np.maximum(np.abs(values[i] - middle) - np.hypot(measured.sigma, apart), 0.0)
-        doubt = np.sqrt(np.diag(road.bend_covariance - measured.bend_covariance))
-        left = float(np.clip((beyond / doubt).max(), 0.0, 1.0))
+        doubted = dataclasses.replace(road, bend=(0.0, 0.0), along=(0.0, 0.0), crossfall_rad=0.0)
+        doubt = np.sqrt(np.diag(doubted.bend_covariance))
+        share = np.divide(beyond, doubt, out=np.where(beyond > 0.0, 1.0, 0.0), where=doubt > 0.0)
+        left = float(min(share.max(), 1.0))
         alone = (left * road.alone[0], left * road.alone[1])
         settled[i] = dataclasses.replace(result, road=dataclasses.replace(road, alone=alone))
     return settled

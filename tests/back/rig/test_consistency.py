@@ -72,3 +72,13 @@ def test_the_first_pairs_doubt_is_settled_by_the_frames_after(off_deg: float, le
     assert told.sigma[0] == pytest.approx(first.road.sigma)
     # too few frames after it say nothing
     assert settled(frames[:4], settings.consistency, settings.region) == frames[:4]
+
+
+def test_a_doubt_of_roll_alone_is_settled_as_well() -> None:
+    frames = results_of(np.tile([1.65, 0.01, -0.005], (20, 1)))
+    road = frames[0].road
+    assert road is not None
+    frames[0] = dataclasses.replace(frames[0], road=dataclasses.replace(road, alone=(0.0, 0.02)))
+    settings = PipelineConfig()
+    first = settled(frames, settings.consistency, settings.region)[0]
+    assert first.road is not None and first.road.alone == (0.0, 0.0)
