@@ -6,7 +6,7 @@ import json
 import math
 import struct
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any, overload
@@ -183,21 +183,22 @@ class _Checks(Sequence[Check]):
         return hash(tuple(self))
 
 
-def _tracks(arrays: _Arrays, stored: Sequence[Any], shelf: Shelf | None) -> Tracks:
-    points, on_road = arrays.get(stored[0]), arrays.get(stored[1])
+def _tracks(keep: Callable[[Any], Any], stored: Sequence[Any]) -> Tracks:
     # runs of earlier versions have no lean
-    lean = None if len(stored) < 4 or stored[3] is None else arrays.get(stored[3])
-    if shelf is not None:
-        points, on_road = shelf.put(points), shelf.put(on_road)
-        lean = None if lean is None else shelf.put(lean)
-    return Tracks(points, on_road, stored[2], lean)
+    lean = None if len(stored) < 4 or stored[3] is None else keep(stored[3])
+    return Tracks(keep(stored[0]), keep(stored[1]), stored[2], lean)
 
 
 def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
     """The frame that `pack` wrote, bit for bit; raises what json, struct and the types raise for damaged bytes.
 
-    shelf: where the tracks are put, of a drive whose frames are all kept.
+    shelf: where the tracks are put, and what is known of the own car, of a drive whose frames are all kept.
     """
+
+    def keep(place: Any) -> Any:
+        array = arrays.get(place)
+        return array if shelf is None or array is None else shelf.put(array)
+
     (length,) = struct.unpack_from("<I", payload)
     values = json.loads(payload[4 : 4 + length])
     arrays = _Arrays(payload[4 + length :])
@@ -227,7 +228,7 @@ def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
         None
         if sample is None
         else RectificationSample(arrays.get(sample[0]), arrays.get(sample[1]), sample[2], sample[3]),
-        None if tracks is None else _tracks(arrays, tracks, shelf),
+        None if tracks is None else _tracks(keep, tracks),
         _Checks(values["checks"]),
         MappingProxyType({sys.intern(stage): ms for stage, ms in values["timing_ms"].items()}),
         None if lidar is None else RoadResidual(arrays.get(lidar[0]), arrays.get(lidar[1]), lidar[2]),
@@ -235,5 +236,5 @@ def unpack(payload: bytes, shelf: Shelf | None = None) -> Done:
         arrays.get(values["disparities"]),
     )
     # runs of earlier versions did not look for the own car
-    own_car = own_car_of(memory[2], arrays.get) if len(memory) > 2 else OwnCarMemory()
+    own_car = own_car_of(memory[2], keep) if len(memory) > 2 else OwnCarMemory()
     return Done(result, FrontEndMemory(memory[0], arrays.get(memory[1]), own_car), values["total_ms"])
