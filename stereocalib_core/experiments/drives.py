@@ -2,7 +2,7 @@
 
 For every drive, frames A to B (all of them without): how many have a road, the errors of height, pitch and roll over
 the plane of the own lane (bias: their median with its sign), and how many lie within one and two of their sigmas.
-Without a drive: three courses of three seeds each that no setting was chosen on, the first `FRAMES` frames of each.
+Without a drive: three courses of three seeds each that no number was fitted to, the first `FRAMES` frames of each.
 """
 
 from __future__ import annotations

@@ -318,7 +318,8 @@ class FrontEnd:
         assert disparity is not None
         disparity = disparity if own is None else own.without(disparity)
         view = PairView(
-            frame.index, frame.left, frame.right, disparity, self._behind.standing, result.road is not None
+            *(frame.index, frame.left, frame.right, disparity, self._behind.standing),
+            *(result.road is not None, prepared.sharpness),
         )
         self._tracker, _ = advance(self.camera, TrackerState(), view, self.config.tracks)
 

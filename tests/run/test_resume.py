@@ -24,7 +24,14 @@ from drive_writer import odometry_drive
 from stereocalib_core.config import DisparityConfig, PipelineConfig
 from stereocalib_core.errors import Failure, FailureReason, OutputError
 from stereocalib_core.files.frame_record import Done
-from stereocalib_core.files.frames_bin import MAGIC, Checkpoint, RunKey, read_checkpoint, read_frames
+from stereocalib_core.files.frames_bin import (
+    MAGIC,
+    Checkpoint,
+    RunKey,
+    read_checkpoint,
+    read_frames,
+    read_outline,
+)
 from stereocalib_core.frames import Recording, StereoFrame
 from stereocalib_core.front import pipeline
 from stereocalib_core.geometry import Extrinsics, StereoCamera
@@ -156,6 +163,10 @@ def test_frames_come_back_bit_for_bit(tmp_path: Path) -> None:
         same(a, finished(i)) and same(a, b) for i, (a, b) in enumerate(zip(read[:3], wrote, strict=True))
     )
     assert read[3] == failed
+    assert read_outline(path) == (CAMERA, 4)
+    with path.open("rb+") as file:
+        file.truncate(whole - 1)
+    assert read_outline(path) == (CAMERA, 3), "what a kill cut off is no frame"
 
 
 def test_a_record_cut_off_by_a_kill_is_dropped_at_any_byte(tmp_path: Path) -> None:

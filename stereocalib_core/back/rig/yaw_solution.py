@@ -196,10 +196,11 @@ def _without_strips(
             rest = whole[0] - normal
             # a pair that is left without its own motion says nothing
             enough = np.flatnonzero(np.linalg.cond(rest[:, :MOTION, :MOTION]) < config.worst_condition)
-            reduced = _reduce(rest, whole[1] - right, enough) if len(enough) else None
-            if len(enough):
-                curvature[k].append(np.array([np.nan]) if reduced is None else reduced.curvature[:, 0, 0])
-                score[k].append(np.array([np.nan]) if reduced is None else reduced.score)
+            if not len(enough):
+                continue
+            reduced = _reduce(rest, whole[1] - right, enough)
+            curvature[k].append(np.array([np.nan]) if reduced is None else reduced.curvature[:, 0, 0])
+            score[k].append(np.array([np.nan]) if reduced is None else reduced.score)
     return np.array(
         [
             np.concatenate(of_score).sum() / np.concatenate(of_turn).sum() if of_turn else np.nan

@@ -118,6 +118,15 @@ def test_a_dip_at_the_end_of_sight_is_no_hill_beyond() -> None:
     assert abs(pitch_rad) < np.deg2rad(0.3)
 
 
+def test_one_low_bin_is_no_road_that_goes_down() -> None:
+    """A crest does not go down by a step of 9 cm in one metre and up again."""
+
+    def noisy(x: np.ndarray, z: float) -> np.ndarray:
+        return np.full_like(x, -0.09 if 13.0 <= z < 14.0 else 0.0)
+
+    assert bend_ahead(*seen(noisy), CAMERA, NEAR, LANE) == (0.0, 0.0)
+
+
 def test_curvature_is_positive_to_the_right() -> None:
     # the camera turned right by 0.01 rad over 1 m: what it saw before now lies to the left and nearer
     assert curvature_of(np.array([0.0, -0.01, 0.0, 0.0, 0.0, -1.0])) == pytest.approx(0.01)
